@@ -11,7 +11,7 @@
 //! the deflection C F takes the place of F.
 
 use bonemill_case::SpeedSpec;
-use bonemill_cutting::burr::{EngagedSamples, Feed, Material, OrientationKernel};
+use bonemill_cutting::burr::EngagedSamples;
 use bonemill_cutting::cost::Terms;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::Levels;
@@ -20,6 +20,8 @@ use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::orientation::{Directions, FreeSets};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
+
+use super::sampled::SampledForce;
 
 /// Below this weight of forces in Dillon's cost they are left out. The choice is then worse by less than this weight; the plan records
 /// the largest possible loss ([`super::Modelled::closed_form_error`]).
@@ -37,19 +39,13 @@ pub struct CostField<'a> {
     /// The path, for what is gone.
     pub swept: &'a SweptPath<'a>,
     /// Force of the gathered samples.
-    pub kernel: &'a OrientationKernel,
-    /// Density to weight.
-    pub material: &'a Material,
+    pub sampled: &'a SampledForce,
     /// What is minimised.
     pub objective: AxisObjective<'a>,
     /// Mass ahead and its moments.
     pub moments: &'a [Moments],
     /// Direction of the move that ends at each waypoint.
     pub feeds: &'a [Option<Unit<Vector3<f64>>>],
-    /// mm/s.
-    pub nominal_mm_s: f64,
-    /// rpm.
-    pub spindle_rpm: f64,
     /// Deflection per force in work, mm/N, by direction; `None` if the cost uses the force itself.
     pub compliance: Option<Vec<Matrix3<f64>>>,
     /// The same by direction of the finer cap.
@@ -152,9 +148,8 @@ impl CostField<'_> {
     pub fn gather(&self, i: usize, samples: &mut EngagedSamples) {
         samples.clear();
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
-        let weight = |density| self.material.weight(density);
-        let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
-        self.kernel.gather(samples, &Feed::new(&feed, self.nominal_mm_s, self.spindle_rpm), &mut bone);
+        let weight = |density| self.sampled.weight(density);
+        self.sampled.gather(samples, &feed, self.swept.bone_at(i as u32, self.sampled.radius_mm(), weight));
     }
 
     /// What waypoint i cuts, gathered into `own` unless it was kept.
@@ -181,7 +176,7 @@ impl CostField<'_> {
         if samples.is_empty() {
             return Vector3::zeros();
         }
-        let force_n = self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s);
+        let force_n = self.sampled.of(samples, axis).force_n(self.sampled.nominal_mm_s);
         compliance.map_or(force_n, |c| c * force_n)
     }
 
@@ -199,7 +194,7 @@ impl CostField<'_> {
         axis: &Unit<Vector3<f64>>,
         push: &Vector3<f64>,
     ) -> AxisPush {
-        let push = push / self.nominal_mm_s;
+        let push = push / self.sampled.nominal_mm_s;
         let toward = times.weighted[i].iter().map(|(weight, u)| weight * push.dot(u));
         AxisPush {
             toward: toward.fold(0.0, f64::max) as f32,

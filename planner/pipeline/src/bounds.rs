@@ -10,21 +10,21 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples};
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::armpath::ArmMotion;
 use bonemill_setup::nearest_structures::NearStructure;
-use bonemill_setup::tools;
 use bonemill_toolpath::orientation::directions::angle_between;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::choose::{CHOICE_MERGED, CHOICE_SAMPLES, Choices, Chosen};
+use super::choose::{Choices, Chosen};
 use super::compared::{JUDGED, LEAST_N, SAME_SHARE};
 use super::path_forces::around_back;
 use super::prepared::Prepared;
 use super::reference::{Reference, StructureForces};
+use super::sampled::SampledForce;
 
 /// Places within a move at which axes are compared, as shares of its way.
 const PLACES: [f64; 5] = [0.02, 0.25, 0.5, 0.75, 1.0];
@@ -114,7 +114,6 @@ impl Prepared<'_> {
         bounds: &Bounds,
     ) -> Result<BTreeMap<usize, Unit<Vector3<f64>>>, PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let rpm = case.burr.spindle_rpm;
         let near: Vec<_> = (0..self.near.len()).map(|i| self.close_by(i)).collect();
         let slowest = |i: usize| chosen.slowest_mm_s(case, i);
         let share = |i: usize, force: &EngagedForce| bounds.of_peaks(&force.force_n(slowest(i)), &near[i]);
@@ -126,20 +125,17 @@ impl Prepared<'_> {
         if hot.is_empty() {
             return Ok(BTreeMap::new());
         }
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
+        let sampled = SampledForce::new(case, SampledForce::AXES)?;
         let forced = self.forced();
         let swept = forced.rounded((&self.start, case), motion)?;
         let axes = self.directions.axes();
         // the free axis at waypoint i that keeps the bounds, or misses them least, and is nearest to `wanted`
         let best = |i: usize, wanted: &Unit<Vector3<f64>>| {
             let gathered = |(of, place): (usize, f64)| {
-                let weight = |density| material.weight(density);
-                let (feed, mut bone) =
-                    swept.bone_within((of as u32, place), kernel.tool().radius_mm(), weight)?;
+                let weight = |density| sampled.weight(density);
+                let (feed, bone) = swept.bone_within((of as u32, place), sampled.radius_mm(), weight)?;
                 let mut samples = EngagedSamples::default();
-                kernel.gather(&mut samples, &Feed::new(&feed, slowest(of), rpm), &mut bone);
+                sampled.gather(&mut samples, &feed, bone);
                 Some((of, samples))
             };
             // its axis counts in the second half of the move to it and in the first of the one from it
@@ -154,8 +150,7 @@ impl Prepared<'_> {
             });
             let gathered: Vec<_> = to.chain(from).filter_map(gathered).collect();
             let share = |axis: &Unit<Vector3<f64>>| {
-                let forces =
-                    gathered.iter().map(|(of, samples)| (*of, kernel.force_for_axis(samples, axis, rpm)));
+                let forces = gathered.iter().map(|(of, samples)| (*of, sampled.of(samples, axis)));
                 forces.map(|(of, force)| share(of, &force)).fold(0.0, f64::max)
             };
             let free = self.reached.free.iter(i);

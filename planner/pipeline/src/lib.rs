@@ -32,6 +32,7 @@ mod reference;
 mod refused;
 mod rest;
 mod rows;
+mod sampled;
 mod save;
 mod sense;
 mod speeds;

@@ -6,9 +6,7 @@
 //! for a whole move, and a link would be slow over its length for some hundredths of a millimetre; `verify` finds what pushes there.
 
 use bonemill_case::Case;
-use bonemill_cutting::burr::{
-    BoneAround, EngagedForce, EngagedSamples, Feed, ForceKernel, Material, OrientationKernel,
-};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, ForceKernel};
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_geometry::{Base, Point, Rigid, Tool};
@@ -22,7 +20,7 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::attempt::Start;
-use super::choose::{CHOICE_MERGED, CHOICE_SAMPLES};
+use super::sampled::SampledForce;
 use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end: its middle, and one in the rounding of each
@@ -130,52 +128,47 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
 
 impl ForcedPath<'_> {
     /// Forces where moves end, of those that are planned to remove something: `removes(i)`.
-    ///
-    /// # Errors
-    /// When the tool or the material is not usable.
     pub fn at_ends(
         &self,
-        case: &Case,
+        (sampled, swept): (&SampledForce, &SweptPath),
         axes: &[Unit<Vector3<f64>>],
         removes: impl Fn(usize) -> bool + Sync,
-    ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
-        let sampled = Sampled::new(case)?;
-        let swept = self.swept(case);
+    ) -> Vec<Option<EngagedForce>> {
         let force = |samples: &mut EngagedSamples, i: usize| {
             let feed = self.feeds[i].filter(|_| removes(i))?;
-            let weight = |density| sampled.material.weight(density);
-            let bone = swept.bone_at(i as u32, sampled.kernel.tool().radius_mm(), weight);
-            Some(sampled.force(samples, &axes[i], &feed_of(case, &feed), bone))
+            let weight = |density| sampled.weight(density);
+            sampled.gather(samples, &feed, swept.bone_at(i as u32, sampled.radius_mm(), weight));
+            Some(sampled.of(samples, &axes[i]))
         };
-        Ok((0..self.points.len()).into_par_iter().map_init(EngagedSamples::default, force).collect())
+        (0..self.points.len()).into_par_iter().map_init(EngagedSamples::default, force).collect()
     }
 
-    /// Computes forces where moves end as finely as they are stated, where `is_stated(i)`.
+    /// Forces where moves end, as finely as they are stated, of those that are asked for: `is_asked(i)`.
     ///
     /// # Errors
     /// When the tool or the material is not usable.
-    pub fn refine(
+    pub fn finely(
         &self,
-        case: &Case,
+        (case, swept): (&Case, &SweptPath),
         axes: &[Unit<Vector3<f64>>],
-        ends: &mut [Option<EngagedForce>],
-        is_stated: impl Fn(usize) -> bool + Sync,
-    ) -> Result<(), PlanError> {
+        is_asked: impl Fn(usize) -> bool + Sync,
+    ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
         let fine = tools::discretisation(&tool, measure, tools::FORCE_ELEMENTS)?;
         let kernel = ForceKernel::new(&tool, &material, &fine);
-        let swept = self.swept(case);
-        ends.par_iter_mut().enumerate().filter(|(i, _)| is_stated(*i)).for_each(|(i, end)| {
-            let (Some(force), Some(feed)) = (end, self.feeds[i]) else { return };
+        let (nominal_mm_s, spindle_rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        let force = |i: usize| {
+            let feed = Feed::new(&self.feeds[i].filter(|_| is_asked(i))?, nominal_mm_s, spindle_rpm);
             let weight = |density| material.weight(density);
             let mut bone = swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
-            *force = kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone);
-        });
-        Ok(())
+            Some(kernel.engaged_force(&axes[i], &feed, &mut bone))
+        };
+        Ok((0..self.points.len()).into_par_iter().map(force).collect())
     }
 
-    fn swept(&self, case: &Case) -> SweptPath<'_> {
+    /// The path as it is planned, with what is gone when each move comes.
+    pub fn swept(&self, case: &Case) -> SweptPath<'_> {
         let ball = Ball { radius_mm: case.burr.radius_mm };
         SweptPath::new(self.scene, self.removal, self.points, ball)
     }
@@ -196,27 +189,26 @@ impl ForcedPath<'_> {
     /// Forces at places within every move as the arm drives it, given those at the ends of moves that are planned to remove something.
     ///
     /// # Errors
-    /// When the tool, the material or the arm's limits are not usable.
+    /// When the arm's limits are not usable.
     pub fn within(
         &self,
-        (start, case): (&Start, &Case),
+        (start, case, sampled): (&Start, &Case, &SampledForce),
         axes: &[Unit<Vector3<f64>>],
         motion: &ArmMotion,
         ends: &[Option<EngagedForce>],
     ) -> Result<Vec<Vec<ForceWithin>>, PlanError> {
-        let sampled = Sampled::new(case)?;
         let swept = self.rounded((start, case), motion)?;
-        let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
+        let pushes = |force: &EngagedForce| force.force_n(sampled.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
         let of_move = |i: usize| {
             let at = |share: f64| {
-                let weight = |density| sampled.material.weight(density);
-                let radius_mm = sampled.kernel.tool().radius_mm();
-                let (feed, bone) = swept.bone_within((i as u32, share), radius_mm, weight)?;
+                let weight = |density| sampled.weight(density);
+                let (feed, bone) = swept.bone_within((i as u32, share), sampled.radius_mm(), weight)?;
                 // the shaft turns during the move
                 let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
                 let mut samples = EngagedSamples::default();
-                Some(sampled.force(&mut samples, &axis, &feed_of(case, &feed), bone))
+                sampled.gather(&mut samples, &feed, bone);
+                Some(sampled.of(&samples, &axis))
             };
             let skins = around_back(&swept, i).into_iter().filter_map(at);
             let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
@@ -261,36 +253,6 @@ impl ForcedPath<'_> {
         let (from, to) = (self.feeds[before]?, self.feeds[i]?);
         (from.angle(&to) < STRAIGHT_RAD).then_some(before)
     }
-}
-
-/// The force by the sampled directions from which axes are chosen: as exact as a sum over 32 × 64 elements, in half its time.
-struct Sampled {
-    kernel: OrientationKernel,
-    material: Material,
-}
-
-impl Sampled {
-    fn new(case: &Case) -> Result<Self, PlanError> {
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
-        Ok(Self { kernel, material })
-    }
-
-    fn force(
-        &self,
-        samples: &mut EngagedSamples,
-        axis: &Unit<Vector3<f64>>,
-        feed: &Feed,
-        mut bone: impl BoneAround,
-    ) -> EngagedForce {
-        self.kernel.gather(samples, feed, &mut bone);
-        self.kernel.force_for_axis(samples, axis, feed.spindle_rpm)
-    }
-}
-
-fn feed_of(case: &Case, direction: &Unit<Vector3<f64>>) -> Feed {
-    Feed::new(direction, case.speed.nominal_mm_s, case.burr.spindle_rpm)
 }
 
 #[cfg(test)]

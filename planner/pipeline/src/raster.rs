@@ -12,12 +12,11 @@
 //! and the joints' accelerations do not count.
 
 use bonemill_case::{Case, Objective, OrientationMode, Sense};
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples};
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::Levels;
 use bonemill_setup::nearest_structures::{self, NearStructure};
-use bonemill_setup::tools;
 use bonemill_toolpath::access::Access;
 use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
 use bonemill_toolpath::orientation::{FreeSets, TurnTime};
@@ -35,6 +34,7 @@ use super::levels;
 use super::prepared::{ShaftFreedom, feeds};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::reference::StructureForces;
+use super::sampled::SampledForce;
 use super::sense::PassSense;
 use super::speeds::{self, Aim, PushedMoves};
 
@@ -46,8 +46,6 @@ const CLEARLY: f64 = 0.25;
 const MORE_UNREACHED: f64 = 0.01;
 /// Nor is one whose largest force is above that of the best straight shaft by this share, where another keeps it.
 const MORE_FORCE: f64 = 0.05;
-/// Directions in which drafts look for bone, and how many make a sample.
-const SAMPLES: [usize; 2] = [1024, 4];
 
 /// Lines of a path, as chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -212,18 +210,13 @@ struct Judged {
 struct Drafts<'a> {
     start: &'a Start<'a>,
     spec: ReachSpec<'a, 'a>,
-    kernel: OrientationKernel,
-    material: Material,
+    sampled: SampledForce,
 }
 
 impl<'a> Drafts<'a> {
     fn new(start: &'a Start<'a>, freedom: &'a ShaftFreedom) -> Result<Self, PlanError> {
         let (case, spec) = (start.case, freedom.reach_spec(start));
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let [samples, merged] = SAMPLES;
-        let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
-        Ok(Self { start, spec, kernel, material })
+        Ok(Self { start, spec, sampled: SampledForce::new(case, SampledForce::LINES)? })
     }
 
     /// A draft along `raster`.
@@ -253,14 +246,12 @@ impl<'a> Drafts<'a> {
         draft: &Draft,
         axis: impl Fn(usize) -> Option<Unit<Vector3<f64>>> + Sync,
     ) -> Vec<Option<EngagedForce>> {
-        let case = self.start.case;
-        let (radius_mm, speed, rpm) = (case.burr.radius_mm, case.speed.nominal_mm_s, case.burr.spindle_rpm);
-        let swept = self.swept(draft);
+        let (sampled, swept) = (&self.sampled, self.swept(draft));
         let force = |samples: &mut EngagedSamples, i: usize| {
             let (feed, axis) = (draft.feeds[i].filter(|_| draft.moments[i].mass_mg() > 0.0)?, axis(i)?);
-            let mut bone = swept.bone_at(i as u32, radius_mm, |density| self.material.weight(density));
-            self.kernel.gather(samples, &Feed::new(&feed, speed, rpm), &mut bone);
-            Some(self.kernel.force_for_axis(samples, &axis, rpm))
+            let bone = swept.bone_at(i as u32, sampled.radius_mm(), |density| sampled.weight(density));
+            sampled.gather(samples, &feed, bone);
+            Some(sampled.of(samples, &axis))
         };
         (0..draft.feeds.len()).into_par_iter().map_init(EngagedSamples::default, force).collect()
     }
@@ -282,13 +273,10 @@ impl<'a> Drafts<'a> {
         let times = LevelTimes::new(&case.speed, &weighted);
         let field = CostField {
             swept: &self.swept(draft),
-            kernel: &self.kernel,
-            material: &self.material,
+            sampled: &self.sampled,
             objective: AxisObjective::Levels(times),
             moments: &draft.moments,
             feeds: &draft.feeds,
-            nominal_mm_s: case.speed.nominal_mm_s,
-            spindle_rpm: case.burr.spindle_rpm,
             compliance: None,
             finer_compliance: None,
         };

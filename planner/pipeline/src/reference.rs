@@ -29,6 +29,7 @@ use super::path_forces::{ForceWithin, ForcedPath, extremes_of_move, mean_of_move
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
+use super::sampled::SampledForce;
 use super::speeds::{self, Aim, Driven, JointMotion, PushedMoves};
 
 /// Slowest constant speed of a control, as a share of the nominal speed.
@@ -117,12 +118,14 @@ impl ReferencePath {
             Err(error) => return Err(error),
         };
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
-        let mut ends = forced.at_ends(case, &axes, cuts)?;
+        let (sampled, swept) = (SampledForce::new(case, SampledForce::AXES)?, forced.swept(case));
         // figures near structures are small
         let is_near =
             |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
-        forced.refine(case, &axes, &mut ends, is_near)?;
-        let within = forced.within((start, case), &axes, &motion, &ends)?;
+        let fine = forced.finely((case, &swept), &axes, |i| cuts(i) && is_near(i))?;
+        let rest = forced.at_ends((&sampled, &swept), &axes, |i| cuts(i) && !is_near(i));
+        let ends: Vec<_> = fine.into_iter().zip(rest).map(|(fine, rest)| fine.or(rest)).collect();
+        let within = forced.within((start, case, &sampled), &axes, &motion, &ends)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();

@@ -6,20 +6,18 @@
 //! the force model with the shaft along the approach. All other passes are cut from whichever end is nearer.
 
 use bonemill_case::{Case, Sense};
-use bonemill_cutting::burr::{AtPoints, EngagedSamples, Feed, Material, OrientationKernel};
+use bonemill_cutting::burr::{AtPoints, EngagedSamples};
 use bonemill_cutting::importance::Importance;
 use bonemill_geometry::{Point, Work};
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::nearest_structures::{self, NearStructure};
-use bonemill_setup::tools;
 use bonemill_toolpath::path::Builder;
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
+use super::sampled::SampledForce;
 use super::{PlanError, levels};
 
-/// Directions in which bone is looked for, and how many make a sample.
-const SAMPLES: [usize; 2] = [512, 4];
 /// Largest number of places of a pass at which forces are evaluated, at least [`APART`] radii apart.
 const MOST_PLACES: f64 = 16.0;
 const APART: f64 = 0.4;
@@ -34,8 +32,7 @@ pub(super) struct PassSense<'a> {
     case: &'a Case,
     scene: &'a Scene,
     sense: Sense,
-    kernel: OrientationKernel,
-    material: Material,
+    sampled: SampledForce,
     importance: Importance,
     clearances_mm: Vec<f64>,
 }
@@ -51,17 +48,13 @@ impl<'a> PassSense<'a> {
     /// # Errors
     /// When the tool, the material or the cost's weights are not usable.
     pub fn new(case: &'a Case, scene: &'a Scene, sense: Sense) -> Result<Self, PlanError> {
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let [samples, merged] = SAMPLES;
         Ok(Self {
-            kernel: OrientationKernel::new(&tool, &material, measure, samples, merged),
+            sampled: SampledForce::new(case, SampledForce::SENSES)?,
             importance: levels::importance(case)?,
             clearances_mm: case.clearances_mm(),
             case,
             scene,
             sense,
-            material,
         })
     }
 
@@ -152,13 +145,12 @@ impl<'a> PassSense<'a> {
         let weight = |n: &Vector3<f64>| {
             builder.material_at(place.at + radius_mm * n).map_or(0.0, |voxel| self.density(voxel))
         };
-        let (speed, rpm) = (self.case.speed.nominal_mm_s, self.case.burr.spindle_rpm);
-        self.kernel.gather(samples, &Feed::new(feed, speed, rpm), &mut AtPoints(weight));
-        self.kernel.force_for_axis(samples, &Vector3::z_axis(), rpm).force_n(speed)
+        self.sampled.gather(samples, feed, AtPoints(weight));
+        self.sampled.of(samples, &Vector3::z_axis()).force_n(self.sampled.nominal_mm_s)
     }
 
     fn density(&self, voxel: usize) -> f64 {
-        self.material.weight(f64::from(self.scene.density_g_cm3.data()[voxel]))
+        self.sampled.weight(f64::from(self.scene.density_g_cm3.data()[voxel]))
     }
 }
 

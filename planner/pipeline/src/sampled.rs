@@ -1,0 +1,67 @@
+//! The force by directions in which bone is looked for: what lines, senses, axes and bounds are chosen by.
+//!
+//! What a move cuts is gathered once, whatever its axis; then the force costs a few operations per sample and axis.
+
+use bonemill_case::Case;
+use bonemill_cutting::burr::{BoneAround, EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
+use bonemill_setup::tools;
+use nalgebra::{Unit, Vector3};
+
+use super::PlanError;
+
+/// A case's burr in its material.
+#[derive(Debug)]
+pub struct SampledForce {
+    kernel: OrientationKernel,
+    material: Material,
+    /// Speed at which forces are compared, mm/s.
+    pub(super) nominal_mm_s: f64,
+    spindle_rpm: f64,
+}
+
+impl SampledForce {
+    /// Directions, and how many make a sample, where axes are chosen. Forces are as exact as sums over 32 × 64 elements, in half
+    /// their time; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
+    pub const AXES: [usize; 2] = [1024, 2];
+    /// The same where lines are compared.
+    pub const LINES: [usize; 2] = [1024, 4];
+    /// The same where the senses of one pass are compared.
+    pub const SENSES: [usize; 2] = [512, 4];
+
+    /// Of a case's burr and material.
+    ///
+    /// # Errors
+    /// When the tool or the material is not usable.
+    pub fn new(case: &Case, [samples, merged]: [usize; 2]) -> Result<Self, PlanError> {
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
+        let [nominal_mm_s, spindle_rpm] = [case.speed.nominal_mm_s, case.burr.spindle_rpm];
+        Ok(Self { kernel, material, nominal_mm_s, spindle_rpm })
+    }
+
+    /// Where bone is looked for, mm from the burr's centre.
+    pub fn radius_mm(&self) -> f64 {
+        self.kernel.tool().radius_mm()
+    }
+
+    /// How much a density, g/cm³, counts beside that of the coefficients.
+    pub fn weight(&self, density_g_cm3: f64) -> f64 {
+        self.material.weight(density_g_cm3)
+    }
+
+    /// Gathers what a move in a direction cuts of the bone around.
+    pub fn gather(
+        &self,
+        samples: &mut EngagedSamples,
+        direction: &Unit<Vector3<f64>>,
+        mut bone: impl BoneAround,
+    ) {
+        self.kernel.gather(samples, &Feed::new(direction, self.nominal_mm_s, self.spindle_rpm), &mut bone);
+    }
+
+    /// Force of what was gathered, for an axis.
+    pub fn of(&self, samples: &EngagedSamples, axis: &Unit<Vector3<f64>>) -> EngagedForce {
+        self.kernel.force_for_axis(samples, axis, self.spindle_rpm)
+    }
+}
