@@ -13,7 +13,6 @@ mod access;
 mod arms;
 mod bad_case;
 mod bad_input;
-mod block_copies;
 mod channel;
 mod columns;
 mod command;

@@ -15,6 +15,8 @@ const GRAZES: f64 = 0.1;
 struct Cuts {
     /// Centres of the burr, mm.
     at: Vec<[f64; 3]>,
+    /// Directions of the shaft.
+    axes: Vec<[f64; 3]>,
     /// Whether each does more than graze.
     is_full: Vec<bool>,
 }
@@ -26,6 +28,7 @@ impl Cuts {
         let columns: Vec<_> = lines.next().unwrap().split(',').collect();
         let column = |name: &str| columns.iter().position(|c| *c == name).unwrap();
         let (kind, x, mass) = (column("kind"), column("x_mm"), column("mass_mg"));
+        let axis = column("axis_x");
         assert_eq!([columns[x + 1], columns[x + 2]], ["y_mm", "z_mm"]);
         let rows = lines.map(|line| line.split(',').collect::<Vec<_>>());
         let cuts: Vec<_> = rows.filter(|row| row[kind] == "cut").collect();
@@ -34,13 +37,15 @@ impl Cuts {
         let most_mg = cuts.iter().map(|row| number(row[mass])).fold(0.0, f64::max);
         Self {
             at: cuts.iter().map(|row| [0, 1, 2].map(|a| number(row[x + a]))).collect(),
+            axes: cuts.iter().map(|row| [0, 1, 2].map(|a| number(row[axis + a]))).collect(),
             is_full: cuts.iter().map(|row| number(row[mass]) >= GRAZES * most_mg).collect(),
         }
     }
 
     /// The same in a turned or mirrored patient.
     fn turned(&self, turn: [[f64; 3]; 3]) -> Self {
-        Self { at: self.at.iter().map(|p| turned(turn, *p)).collect(), is_full: self.is_full.clone() }
+        let all = |vectors: &[[f64; 3]]| vectors.iter().map(|v| turned(turn, *v)).collect();
+        Self { at: all(&self.at), axes: all(&self.axes), is_full: self.is_full.clone() }
     }
 
     /// How far a cut of one plan that does more than graze is from the nearest cut of the other, at most, mm.
@@ -52,6 +57,20 @@ impl Cuts {
             full.map(|(p, _)| nearest(p)).fold(0.0, f64::max)
         };
         one_way(self, other).max(one_way(other, self))
+    }
+
+    /// The median angle between the shaft at a full cut and at the nearest cut of another plan, degrees.
+    fn axes_apart_deg(&self, other: &Self) -> f64 {
+        let full = (0..self.at.len()).filter(|n| self.is_full[*n]);
+        let angle = |n: usize| {
+            let away = |m: &usize| distance_mm(&self.at[n], &other.at[*m]);
+            let nearest = (0..other.at.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap();
+            let chord = distance_mm(&self.axes[n], &other.axes[nearest]);
+            2.0 * (0.5 * chord).min(1.0).asin().to_degrees()
+        };
+        let mut angles: Vec<_> = full.map(angle).collect();
+        angles.sort_by(f64::total_cmp);
+        angles[angles.len() / 2]
     }
 
     /// How much of the way goes along each direction: Σ d dᵀ/|d| over the full cuts' moves, over Σ |d|.
@@ -169,21 +188,43 @@ fn a_mirrored_patient_is_the_mirrored_plan() {
     }
 }
 
+/// By 0.7 rad about (1, 2, 2)/3.
+fn oblique() -> [[f64; 3]; 3] {
+    let (s, c) = 0.7f64.sin_cos();
+    let u = [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0];
+    let cross = [[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]];
+    let mut turn = [[0.0; 3]; 3];
+    for a in 0..3 {
+        for b in 0..3 {
+            turn[a][b] = if a == b { c } else { 0.0 } + s * cross[a][b] + (1.0 - c) * u[a] * u[b];
+        }
+    }
+    turn
+}
+
+#[test]
+fn a_patient_turned_with_its_registration_has_the_turned_shaft() {
+    // base x, y, z are along y, -x, z of the patient, whose pocket has its middle at the base's origin
+    let base = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+    let registered = |place: Place, turn: [[f64; 3]; 3]| {
+        let row = |base: [f64; 3]| turned(turn, base);
+        let given =
+            format!("base_from_ct = {{ rotation = {:?}, translation_mm = [-2, -2, -12] }}", base.map(row));
+        place.with_case("[robot]\n", &format!("[robot]\n{given}\n"))
+    };
+    let upright = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let plan = planned(&registered(Place::healthy(), upright));
+    let turn = oblique();
+    let found = planned(&registered(patient_in(turn, false), turn));
+    let expected = plan.turned(turn);
+    let (off_mm, degrees) = (expected.apart_mm(&found), expected.axes_apart_deg(&found));
+    eprintln!("turned with its registration: {off_mm:.3} mm, axes {degrees:.2} degrees apart in the middle");
+    assert!(off_mm <= VOXEL_MM && degrees <= 2.0, "{off_mm} mm, {degrees} degrees");
+}
+
 #[test]
 fn a_patient_turned_obliquely_is_the_turned_plan() {
-    // by 0.7 rad about (1, 2, 2)/3
-    let turn = {
-        let (s, c) = 0.7f64.sin_cos();
-        let u = [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0];
-        let cross = [[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]];
-        let mut turn = [[0.0; 3]; 3];
-        for a in 0..3 {
-            for b in 0..3 {
-                turn[a][b] = if a == b { c } else { 0.0 } + s * cross[a][b] + (1.0 - c) * u[a] * u[b];
-            }
-        }
-        turn
-    };
+    let turn = oblique();
     let place = Place::healthy();
     let (plan, turned_place) = (planned(&place), patient_in(turn, false));
     let (expected, found) = (plan.turned(turn), planned(&turned_place));

@@ -11,6 +11,7 @@ use bonemill_geometry::testkit::pocket;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::verify::{Check, Verification, verify};
+use rayon::prelude::*;
 
 use crate::support::body;
 use crate::support::faults::{self, Fault};
@@ -66,16 +67,14 @@ fn a_sound_plan_passes_every_check() {
 
 #[test]
 fn every_planted_fault_is_caught_by_the_check_for_it() {
-    let mut missed = Vec::new();
-    for Fault { name, plant, caught_by } in all_faults() {
+    let missed = |Fault { name, plant, caught_by }: &Fault| {
         let mut plan = sound().1.clone();
         plant(&mut plan);
         let found = failed(&verified(&plan));
         let by: Vec<_> = caught_by.iter().filter(|c| !found.contains(**c)).collect();
-        if !by.is_empty() {
-            missed.push(format!("{name}: not by {by:?}, but by {found:?}"));
-        }
-    }
+        (!by.is_empty()).then(|| format!("{name}: not by {by:?}, but by {found:?}"))
+    };
+    let missed: Vec<String> = all_faults().collect::<Vec<_>>().into_par_iter().filter_map(missed).collect();
     assert!(missed.is_empty(), "\n{}", missed.join("\n"));
     assert!(all_faults().count() >= 40, "{}", all_faults().count());
 }

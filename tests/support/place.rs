@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use super::body;
 use super::image::{Image, Stored};
@@ -106,21 +106,20 @@ impl Place {
         Ran { code: status.code().unwrap(), out: text(stdout), err: text(stderr) }
     }
 
-    /// Plans the case into `plan`. What the healthy patient's plan holds is computed once and copied.
+    /// Plans the case into `plan`. Of folders with the same files the plan is made once and copied.
     pub fn plan(&self) -> Ran {
-        static HEALTHY: OnceLock<(Ran, Files)> = OnceLock::new();
-        let plan = |place: &Self| place.run(&["plan", "case.toml", "--out", "plan"]);
-        if self.files() != Self::healthy().files() {
-            return plan(self);
+        /// By the files of a folder, the run and the plan's files.
+        type Made = BTreeMap<Files, Arc<OnceLock<(Ran, Files)>>>;
+        static MADE: Mutex<Made> = Mutex::new(Made::new());
+        let plan = || self.run(&["plan", "case.toml", "--out", "plan"]);
+        if self.path("plan").exists() {
+            return plan();
         }
-        let (ran, files) = HEALTHY.get_or_init(|| {
-            let place = Self::healthy();
-            let ran = plan(&place);
-            assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-            (ran, place.files_of("plan"))
-        });
-        fs::create_dir(self.path("plan")).unwrap();
+        let made = MADE.lock().unwrap().entry(self.files()).or_default().clone();
+        let files = || if self.path("plan").exists() { self.files_of("plan") } else { Files::new() };
+        let (ran, files) = made.get_or_init(|| (plan(), files()));
         for (name, bytes) in files {
+            fs::create_dir_all(self.path("plan")).unwrap();
             fs::write(self.path("plan").join(name), bytes.as_ref().unwrap()).unwrap();
         }
         ran.clone()
