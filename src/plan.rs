@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use bonemill_geometry::Stage;
 use bonemill_imaging::PHANTOM_CASE_FILE;
 use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::Progress;
@@ -41,14 +42,14 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
 }
 
 /// The stages of planning a phantom or a case.
-fn expected_stages(phantom: Option<PhantomKind>, case: Option<&Case>) -> Vec<&'static str> {
+fn expected_stages(phantom: Option<PhantomKind>, case: Option<&Case>) -> Vec<Stage> {
     let is_channel = match phantom {
         Some(kind) => matches!(kind, PhantomKind::Tibia | PhantomKind::Glenoid),
         None => case.is_some_and(|case| case.job.channel().is_some()),
     };
     let drawn = if phantom.is_some() { stages::PHANTOM } else { &[] };
     let planned = if is_channel { stages::CHANNEL } else { stages::PLAN };
-    [drawn, planned, &["write files"]].concat()
+    [drawn, planned, &[stages::WRITE_FILES]].concat()
 }
 
 fn read_case(path: &Path) -> anyhow::Result<Case> {

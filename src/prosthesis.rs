@@ -8,6 +8,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::{Replace, StagedDirectory, replace};
+use bonemill_planner::stages::WRITE_FILES;
 use bonemill_prosthesis::{JobRecord, phantom, plan, save, verify};
 
 use crate::args::ProsthesisArgs;
@@ -21,7 +22,7 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
     let given = args.job.as_deref().map(|path| Ok::<_, anyhow::Error>((read_job(path)?, path.to_path_buf())));
     let given = given.transpose()?;
     let staged = StagedDirectory::create(&args.out, Replace::Prosthesis)?;
-    progress.expect(&[bonemill_prosthesis::STAGES, &["write files"]].concat());
+    progress.expect(&[bonemill_prosthesis::STAGES, &[WRITE_FILES]].concat());
     let (job, job_path) = match given {
         Some(given) => given,
         None => draw(args.seed, &staged)?,

@@ -33,9 +33,8 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
             ),
         };
     }
-    let is_channel = plan.record.case.job.channel().is_some();
-    let replayed = if is_channel { stages::SIMULATE_CHANNEL } else { stages::SIMULATE };
-    progress.expect(&[&["read plan"], replayed, &["write files"]].concat());
+    let replayed = stages::of_simulation(&plan.record.case);
+    progress.expect(&[&[stages::READ_PLAN], replayed, &[stages::WRITE_FILES]].concat());
     let sampling = match args.rate_hz {
         Some(rate_hz) => Sampling::Rate { rate_hz },
         None => Sampling::Step { step_mm: args.step_mm },
@@ -53,7 +52,7 @@ fn fit(
     coefficients: &[Coefficient],
     progress: &dyn Progress,
 ) -> anyhow::Result<Outcome> {
-    progress.expect(&[&["read plan"], stages::CALIBRATE].concat());
+    progress.expect(&[&[stages::READ_PLAN], stages::CALIBRATE].concat());
     let rows = read_force_log(log)?;
     let setup = SimulationSetup::read(plan, progress)?;
     progress.stage("mill along the log");

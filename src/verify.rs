@@ -28,10 +28,9 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
         Ok(plan) => {
             // invalid numbers are refused before the verification, which takes minutes
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
-            let is_channel = plan.record.case.job.channel().is_some();
-            let checked = if is_channel { stages::VERIFY_CHANNEL } else { stages::VERIFY };
+            let checked = stages::of_verification(&plan.record.case);
             let drawn_after = if model.is_some() { stages::DRAW_ERRORS } else { &[] };
-            progress.expect(&[&["read plan"], checked, drawn_after, &["write verdict"]].concat());
+            progress.expect(&[&[stages::READ_PLAN], checked, drawn_after, &[stages::WRITE_VERDICT]].concat());
             let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
             warnings.clone_from(&plan.record.warnings);

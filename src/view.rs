@@ -52,7 +52,8 @@ pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     if is_prosthesis(&args.folder.plan).is_ok() {
         return prosthesis::run(args, progress);
     }
-    progress.expect(&["read plan", "read images", "scene", "removal", "draw", "write drawing", "write"]);
+    let stages = ["read plan", "read images", "scene", "removal", "draw", "write drawing", "write"];
+    progress.expect(&stages.map(|name| (name, 1)));
     progress.stage("read plan");
     let plan = args.folder.load(Need::Unchanged)?;
     let show = Show::read(&plan, progress)?;

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use bonemill_geometry::Stage;
+
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -384,10 +386,14 @@ fn stages(said: &str) -> Vec<&str> {
 #[test]
 fn the_stages_that_a_job_announces_are_those_that_run() {
     use bonemill_planner::stages::{
-        CHANNEL, DRAW_ERRORS, PHANTOM, PLAN, SIMULATE, SIMULATE_CHANNEL, VERIFY, VERIFY_CHANNEL,
+        CHANNEL, DRAW_ERRORS, PHANTOM, PLAN, READ_PLAN, SIMULATE, SIMULATE_CHANNEL, VERIFY, VERIFY_CHANNEL,
+        WRITE_FILES, WRITE_VERDICT,
+    };
+    let listed = |of: &[&'static [Stage]]| {
+        of.iter().flat_map(|of| of.iter()).map(|(name, _)| *name).collect::<Vec<_>>()
     };
     let place = Place::new();
-    assert_eq!(stages(&place.run(&["phantom", "--kind", "block", "--out", "block"]).err), PHANTOM);
+    assert_eq!(stages(&place.run(&["phantom", "--kind", "block", "--out", "block"]).err), listed(&[PHANTOM]));
     let case = fs::read_to_string(place.path("block/case.toml")).unwrap();
     // a coarse plan of a small part
     let case = case
@@ -396,18 +402,18 @@ fn the_stages_that_a_job_announces_are_those_that_run() {
         case.replace("step_mm = 0.25 ", "step_mm = 1.0 ").replace("spacing_mm = 0.25 ", "spacing_mm = 0.5 ");
     fs::write(place.path("block/case.toml"), case).unwrap();
     let ran = place.run(&["plan", "block/case.toml", "--out", "milled"]);
-    assert_eq!(stages(&ran.err), [PLAN, &["write files"]].concat(), "{}", ran.out);
+    assert_eq!(stages(&ran.err), listed(&[PLAN, &[WRITE_FILES]]), "{}", ran.out);
     let ran = place.run(&["plan", "--phantom", "tibia", "--out", "drilled"]);
-    assert_eq!(stages(&ran.err), [PHANTOM, CHANNEL, &["write files"]].concat());
+    assert_eq!(stages(&ran.err), listed(&[PHANTOM, CHANNEL, &[WRITE_FILES]]));
     for (plan, checked, replayed) in
         [("milled", VERIFY, SIMULATE), ("drilled", VERIFY_CHANNEL, SIMULATE_CHANNEL)]
     {
         let ran = place.run(&["verify", plan, "--samples", "2"]);
         let said: Vec<_> =
             stages(&ran.err).into_iter().filter(|line| !line.starts_with("fell short")).collect();
-        assert_eq!(said, [&["read plan"], checked, DRAW_ERRORS, &["write verdict"]].concat());
+        assert_eq!(said, listed(&[&[READ_PLAN], checked, DRAW_ERRORS, &[WRITE_VERDICT]]));
         let ran = place.run(&["simulate", plan, "--step-mm", "1"]);
-        assert_eq!(stages(&ran.err), [&["read plan"], replayed, &["write files"]].concat());
+        assert_eq!(stages(&ran.err), listed(&[&[READ_PLAN], replayed, &[WRITE_FILES]]));
     }
 }
 

@@ -27,7 +27,7 @@ mod volume;
 pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
-pub use progress::{JobPosition, Progress};
+pub use progress::{JobPosition, Progress, Stage};
 pub use rigid::{NotARotation, Rigid};
 pub use target::{Sheets, Target, TargetRegion};
 pub use volume::{Volume, VolumeError, trilinear};

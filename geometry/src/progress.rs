@@ -4,7 +4,7 @@
 pub trait Progress {
     /// The stages that the whole job has, in order; told as soon as they are known. Some may be left out, and some repeat in
     /// rounds.
-    fn expect(&self, _stages: &[&'static str]) {}
+    fn expect(&self, _stages: &[Stage]) {}
     /// A stage begins, and the one before has ended.
     fn stage(&self, name: &str);
     /// `done` of `of` steps of the stage are done.
@@ -15,6 +15,9 @@ pub trait Progress {
     fn memory_mb(&self, _estimated: f64) {}
 }
 
+/// A stage of a job by its name, with how long it typically takes, until the next begins, beside the job's others.
+pub type Stage = (&'static str, u32);
+
 /// Ignores all reports.
 impl Progress for () {
     fn stage(&self, _: &str) {}
@@ -24,7 +27,7 @@ impl Progress for () {
 /// How far a job of several stages is. It never goes back: a stage that runs again in a later round is not counted again.
 #[derive(Debug, Clone, Default)]
 pub struct JobPosition {
-    stages: Vec<&'static str>,
+    stages: Vec<Stage>,
     /// The farthest stage that has begun, from 1; 0 before the first.
     farthest: usize,
     /// Whether that stage is the one that runs.
@@ -35,13 +38,13 @@ pub struct JobPosition {
 
 impl JobPosition {
     /// Before the first of these stages.
-    pub fn expect(stages: &[&'static str]) -> Self {
+    pub fn expect(stages: &[Stage]) -> Self {
         Self { stages: stages.to_vec(), ..Self::default() }
     }
 
     /// A stage begins.
     pub fn begin(&mut self, name: &str) {
-        let later = self.stages.iter().skip(self.farthest).position(|stage| *stage == name);
+        let later = self.stages.iter().skip(self.farthest).position(|(stage, _)| *stage == name);
         self.is_there = later.is_some();
         if let Some(n) = later {
             self.farthest += n + 1;
@@ -61,9 +64,12 @@ impl JobPosition {
         (!self.stages.is_empty()).then_some((self.farthest, self.stages.len()))
     }
 
-    /// Stages that are done with the share of the last, 0 to the number of stages. Stages do not take the same time.
-    pub fn stages_done(&self) -> f64 {
-        if self.farthest == 0 { 0.0 } else { (self.farthest - 1) as f64 + self.share }
+    /// The share of the job that is done, 0 to 1, by the time that its stages typically take.
+    pub fn share(&self) -> f64 {
+        let takes = |stages: &[Stage]| stages.iter().map(|(_, takes)| f64::from(*takes)).sum::<f64>();
+        let Some(n) = self.farthest.checked_sub(1) else { return 0.0 };
+        let done = takes(&self.stages[..n]) + self.share * takes(&self.stages[n..=n]);
+        done / takes(&self.stages).max(1.0)
     }
 }
 
@@ -73,23 +79,23 @@ mod tests {
 
     #[test]
     fn a_job_goes_forward_through_its_stages_and_never_back() {
-        let mut at = JobPosition::expect(&["read", "lay", "read", "move"]);
-        assert_eq!((at.stage(), at.stages_done()), (Some((0, 4)), 0.0));
+        let mut at = JobPosition::expect(&[("read", 2), ("lay", 1), ("read", 1), ("move", 4)]);
+        assert_eq!((at.stage(), at.share()), (Some((0, 4)), 0.0));
         at.begin("read");
-        assert_eq!((at.stage(), at.stages_done()), (Some((1, 4)), 0.0));
+        assert_eq!((at.stage(), at.share()), (Some((1, 4)), 0.0));
         at.advance(1, 4);
-        assert_eq!(at.stages_done(), 0.25);
+        assert_eq!(at.share(), 0.0625);
         at.advance(0, 0);
-        assert_eq!(at.stages_done(), 0.25);
+        assert_eq!(at.share(), 0.0625);
         // a stage that was left out counts as done; one that nobody told of leaves the job where it is
         at.begin("move");
         at.begin("paint");
         at.advance(9, 10);
-        assert_eq!((at.stage(), at.stages_done()), (Some((4, 4)), 3.0));
+        assert_eq!((at.stage(), at.share()), (Some((4, 4)), 0.5));
         // a later round
         at.begin("lay");
         at.advance(1, 2);
-        assert_eq!((at.stage(), at.stages_done()), (Some((4, 4)), 3.0));
+        assert_eq!((at.stage(), at.share()), (Some((4, 4)), 0.5));
     }
 
     #[test]
@@ -97,6 +103,6 @@ mod tests {
         let mut at = JobPosition::default();
         at.begin("read");
         at.advance(1, 2);
-        assert_eq!((at.stage(), at.stages_done()), (None, 0.0));
+        assert_eq!((at.stage(), at.share()), (None, 0.0));
     }
 }

@@ -29,6 +29,8 @@ pub mod show;
 mod toolpath_csv;
 pub mod verify;
 
+use bonemill_geometry::Stage;
+
 pub use block::TakenBlock;
 pub use error::ProsthesisError;
 pub use placing::Placing;
@@ -41,7 +43,14 @@ pub use save::save;
 pub const MOST_GOUGE_MM: f64 = crate::machining::GOUGE_TOLERANCE_MM;
 
 /// The stages of [`plan()`], by the names that [`Progress::stage`](bonemill_geometry::Progress::stage) is told.
-pub const STAGES: &[&str] =
-    &["read part", "lay part", "take block", "plan toolpath", "write program", "prove program", "move arm"];
+pub const STAGES: &[Stage] = &[
+    ("read part", 1),
+    ("lay part", 1),
+    ("take block", 1),
+    ("plan toolpath", 60),
+    ("write program", 1),
+    ("prove program", 40),
+    ("move arm", 1),
+];
 /// Those of [`verify::verify`].
-pub const VERIFY_STAGES: &[&str] = &["read files", "prove program", "compare toolpath"];
+pub const VERIFY_STAGES: &[Stage] = &[("read files", 1), ("prove program", 40), ("compare toolpath", 1)];

@@ -11,8 +11,8 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use bonemill_geometry::JobPosition;
 use bonemill_geometry::cancel::{self, Cancel, Cancelled};
+use bonemill_geometry::{JobPosition, Stage};
 use bonemill_planner::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -29,8 +29,8 @@ struct Told {
     of: usize,
 }
 
-/// Steps of a stage.
-const PER_STAGE: usize = 100;
+/// Steps of a job.
+const STEPS: usize = 1000;
 
 /// Sends progress to the calling thread.
 struct Teller {
@@ -40,7 +40,7 @@ struct Teller {
 }
 
 impl Progress for Teller {
-    fn expect(&self, stages: &[&'static str]) {
+    fn expect(&self, stages: &[Stage]) {
         *self.position.borrow_mut() = JobPosition::expect(stages);
     }
 
@@ -55,8 +55,8 @@ impl Progress for Teller {
         cancel::poll();
         let mut position = self.position.borrow_mut();
         position.advance(done, of);
-        let done = (PER_STAGE as f64 * position.stages_done()) as usize;
-        let of = position.stage().map_or(0, |(_, stages)| PER_STAGE * stages);
+        let done = (STEPS as f64 * position.share()) as usize;
+        let of = position.stage().map_or(0, |_| STEPS);
         // sending fails when the work is being stopped
         let _ = self.to.send(Told { stage: self.stage.borrow().clone(), done, of });
     }

@@ -58,7 +58,7 @@ pub fn show<'py>(
     let finished = Finished::new(plan, saved)?;
     let drawn = apart::run(py, progress, None, move |progress| {
         let plan = finished.read(Need::Unchanged).map_err(Failed::Plan)?;
-        progress.expect(&["read images", "scene", "removal"]);
+        progress.expect(&["read images", "scene", "removal"].map(|name| (name, 1)));
         let show = Show::read(&plan, progress)
             .map_err(|e| Failed::Images(Box::new(Refused::new(e, &plan.record.case, &plan.case_path()))))?;
         draw(&show, motion, frames)

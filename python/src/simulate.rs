@@ -61,9 +61,8 @@ pub fn simulate<'py>(
     let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
         let plan = finished.read(Need::All)?;
-        let is_channel = plan.record.case.job.channel().is_some();
-        let replayed = if is_channel { stages::SIMULATE_CHANNEL } else { stages::SIMULATE };
-        let written = if keep { &["write files"][..] } else { &[] };
+        let replayed = stages::of_simulation(&plan.record.case);
+        let written = if keep { &[stages::WRITE_FILES][..] } else { &[] };
         progress.expect(&[replayed, written].concat());
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {

@@ -43,10 +43,9 @@ pub fn verify(
     let done = apart::run(py, progress, None, move |progress| {
         let plan = finished.read(Need::All)?;
         let model = samples.map(|n| model(&plan, n, errors)).transpose()?;
-        let is_channel = plan.record.case.job.channel().is_some();
-        let checked = if is_channel { stages::VERIFY_CHANNEL } else { stages::VERIFY };
+        let checked = stages::of_verification(&plan.record.case);
         let drawn_after = if model.is_some() { stages::DRAW_ERRORS } else { &[] };
-        let written = if keep { &["write verdict"][..] } else { &[] };
+        let written = if keep { &[stages::WRITE_VERDICT][..] } else { &[] };
         progress.expect(&[checked, drawn_after, written].concat());
         let verdict = rust_verify(&plan, progress)?;
         let drawn = model.map(|m| simulate_errors(&plan, &m, progress).map(|risk| (m, risk))).transpose()?;

@@ -159,10 +159,10 @@ def test_progress_comes_in_order_and_in_this_thread(block: bonemill.Case) -> Non
     bonemill.plan(block, progress=progress)
     stages = [stage for stage, _, _ in told]
     assert stages[:3] == ["read images", "scene", "free space"]
-    # how much of the whole is done, in hundredths of a stage: from nothing, never back, to the last stage
+    # how much of the whole is done, in thousandths: from nothing, never back, to the last stage
     shares = [(done, of) for _, done, of in told]
-    assert shares[:3] == [(0, 1400), (100, 1400), (200, 1400)] and shares == sorted(shares)
-    assert shares[-1][0] >= 1300 and {of for _, of in shares} == {1400}
+    assert shares[0] == (0, 1000) and shares == sorted(shares)
+    assert shares[-1][0] >= 600 and {of for _, of in shares} == {1000}
     assert threads == {threading.get_ident()}
 
 

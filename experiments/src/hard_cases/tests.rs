@@ -4,7 +4,7 @@ use super::random::shrink;
 use super::*;
 
 /// One in this many of the planned scenes runs here; experiment `hard-cases` of a release build runs all.
-const ONE_IN: usize = 10;
+const ONE_IN: usize = 20;
 
 #[test]
 fn hard_cases_end_as_they_must() {

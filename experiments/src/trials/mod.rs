@@ -315,10 +315,10 @@ mod tests {
     #[test]
     fn angle_and_speed_at_equal_time_lower_the_force_toward_the_nerve() {
         let setup = Setup { seed: 3, nerve: NerveSide::BesideTiltPlane, raster_rad: 0.0 };
-        let coarse = |case: &mut Case| case.path.step_mm = 0.5;
+        let coarse = |case: &mut Case| (case.path.step_mm, case.grid.spacing_mm) = (0.5, 0.5);
         on_block(&setup, coarse, |body, prepared| {
             let mut case = body.case(false)?;
-            case.path.step_mm = 0.5;
+            coarse(&mut case);
             let still = control(prepared, &case)?;
             for (mode, name) in MODES {
                 let found = trials(prepared, &case, &still, mode)?;

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 Progress = Callable[[str, int, int], object]
-"""``progress(stage, done, of)``: the stage that runs, and how much of the whole work is done, in hundredths of a stage; ``of`` is
-100 times the number of stages. `done` never falls; stages take different times. What it raises stops the work."""
+"""``progress(stage, done, of)``: the stage that runs, and how much of the whole work is done, by the time that its stages typically
+take, in thousandths: `of` is 1000. `done` never falls. What it raises stops the work."""
 
 
 class Structure(NamedTuple):
