@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 use bonemill_planner::case::EdgeModel;
 use bonemill_planner::channel::tool::ChannelTool;
-use bonemill_planner::edge::{PlungeFit, PlungeFitError, PlungeFitting, PlungeRow, Regression};
+use bonemill_planner::edge::{PlungeFit, PlungeFitError, PlungeFitting, PlungeInstant, Regression};
 use bonemill_planner::plan::{DrillLogRow, StoredPlan, read_drill_log};
 use serde_json::json;
 
@@ -23,7 +23,7 @@ pub fn fit(plan: &StoredPlan, log: &Path) -> anyhow::Result<Outcome> {
         with_feed_angle: true,
         with_chisel: true,
     };
-    let of_row = |row: &DrillLogRow| PlungeRow {
+    let of_row = |row: &DrillLogRow| PlungeInstant {
         feed_mm_rev: row.feed_mm_rev,
         spindle_rpm: row.spindle_rpm,
         depth_mm: row.depth_mm,

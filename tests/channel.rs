@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::support::place::Place;
 use bonemill_planner::case::Case;
 use bonemill_planner::channel::tool::ChannelTool;
-use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeRow, Regression};
+use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeInstant, Regression};
 
 /// A table of numbers by column.
 struct Table {
@@ -149,7 +149,7 @@ fn a_log_of_thrust_and_torque_gives_the_edges_coefficients_or_is_refused() {
         for n in 0..80 {
             let (feed_mm_rev, spindle_rpm) = ([0.01, 0.02][n % 2], 500.0);
             let depth_mm = depths[0] + (depths[1] - depths[0]) * n as f64 / 79.0;
-            let row = PlungeRow { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
+            let row = PlungeInstant { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
             let [thrust, torque] = fitting.predict(&truth, &row).unwrap();
             // 1 % of noise, the same in every run
             let noise = 1.0 + 0.01 * (n as f64 * 12.9898).sin();

@@ -10,7 +10,7 @@ use crate::{EXPERIMENTS, ExperimentError, Size, Table};
 
 /// The experiment to run, and its options.
 #[derive(Debug, clap::Args)]
-pub struct Args {
+pub struct ExperimentArgs {
     /// Name of the experiment; an unknown name lists all
     pub name: String,
     /// Bodies of each kind: seeds 1 to N
@@ -36,7 +36,7 @@ pub struct ExperimentOutput {
 ///
 /// # Errors
 /// [`ExperimentError`]: an unknown name, a file that cannot be written, and errors of the experiment itself.
-pub fn run(args: &Args, progress: &dyn Progress) -> Result<ExperimentOutput, ExperimentError> {
+pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> Result<ExperimentOutput, ExperimentError> {
     let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
         let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
         return Err(ExperimentError::Unknown { name: args.name.clone(), known: known.join("; ") });
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn an_unknown_experiment_lists_those_there_are() {
-        let args = Args { name: "nonsense".into(), seeds: 1, case: None, out: None };
+        let args = ExperimentArgs { name: "nonsense".into(), seeds: 1, case: None, out: None };
         let Err(error) = run(&args, &()) else { panic!("it ran") };
         let text = error.to_string();
         assert!(text.contains("no experiment is called \"nonsense\"; there are "), "{text}");

@@ -7,7 +7,7 @@
 
 use bonemill_planner::Progress;
 use bonemill_planner::cutter::{Cutter, TwistDrill, TwistDrillSpec};
-use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeRow, Regression};
+use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeInstant, Regression};
 
 use crate::{ExperimentError, Size, Table};
 
@@ -87,20 +87,25 @@ impl Score {
     fn add(
         &mut self,
         fitting: &PlungeFitting<'_>,
-        logs: &[Vec<PlungeRow>; 4],
+        logs: &[Vec<PlungeInstant>; 4],
         left_out: usize,
         cutter: &dyn Cutter,
         truth: &CoefficientModel,
     ) -> Result<(), ExperimentError> {
-        let calibration: Vec<PlungeRow> =
+        let calibration: Vec<PlungeInstant> =
             (0..4).filter(|s| *s != left_out).flat_map(|s| logs[s].iter().copied()).collect();
         let Ok(fit) = fitting.fit(&calibration) else {
             self.refused += 1;
             return Ok(());
         };
         let [feed_mm_rev, spindle_rpm] = SCENARIOS[left_out];
-        let full =
-            PlungeRow { feed_mm_rev, spindle_rpm, depth_mm: f64::INFINITY, thrust_n: 0.0, torque_nmm: 0.0 };
+        let full = PlungeInstant {
+            feed_mm_rev,
+            spindle_rpm,
+            depth_mm: f64::INFINITY,
+            thrust_n: 0.0,
+            torque_nmm: 0.0,
+        };
         let found = fitting.predict(&fit.model, &full).map_err(ExperimentError::Cutter)?;
         let own =
             PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true, with_chisel: false };
@@ -127,23 +132,28 @@ fn logs(
     cutter: &dyn Cutter,
     truth: &CoefficientModel,
     seed: u64,
-) -> Result<[Vec<PlungeRow>; 4], ExperimentError> {
+) -> Result<[Vec<PlungeInstant>; 4], ExperimentError> {
     let truth_of =
         PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true, with_chisel: false };
     let mut state = seed;
-    let mut logs: [Vec<PlungeRow>; 4] = Default::default();
+    let mut logs: [Vec<PlungeInstant>; 4] = Default::default();
     for (log, [feed_mm_rev, spindle_rpm]) in logs.iter_mut().zip(SCENARIOS) {
         for _ in 0..TRIALS {
             let hardness = (1.0 + SPREAD * normal(&mut state)).max(0.2);
-            let row =
-                |depth_mm| PlungeRow { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
+            let row = |depth_mm| PlungeInstant {
+                feed_mm_rev,
+                spindle_rpm,
+                depth_mm,
+                thrust_n: 0.0,
+                torque_nmm: 0.0,
+            };
             let whole = truth_of.predict(truth, &row(f64::INFINITY)).map_err(ExperimentError::Cutter)?;
             for n in 0..SAMPLES {
                 let row = row(0.8 * (n + 1) as f64 / SAMPLES as f64);
                 let force = truth_of.predict(truth, &row).map_err(ExperimentError::Cutter)?;
                 let [thrust_n, torque_nmm] =
                     [0, 1].map(|p| hardness * force[p] + NOISE * whole[p] * normal(&mut state));
-                log.push(PlungeRow { thrust_n, torque_nmm, ..row });
+                log.push(PlungeInstant { thrust_n, torque_nmm, ..row });
             }
         }
     }

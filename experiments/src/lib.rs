@@ -117,7 +117,7 @@ pub enum ExperimentError {
 }
 
 /// The function that runs an experiment.
-pub type Run = fn(Size, &dyn Progress) -> Result<Vec<Table>, ExperimentError>;
+pub type Runner = fn(Size, &dyn Progress) -> Result<Vec<Table>, ExperimentError>;
 
 /// An experiment.
 #[derive(Debug, Clone, Copy)]
@@ -127,7 +127,7 @@ pub struct Experiment {
     /// What it measures, in one line.
     pub about: &'static str,
     /// The function that runs it.
-    pub run: Run,
+    pub run: Runner,
 }
 
 /// Every experiment, by name.

@@ -4,7 +4,7 @@
 
 use std::process::ExitCode;
 
-use bonemill_experiments::cli::{Args, run};
+use bonemill_experiments::cli::{ExperimentArgs, run};
 use bonemill_planner::Progress;
 use clap::Parser;
 
@@ -13,7 +13,7 @@ use clap::Parser;
 #[command(name = "bonemill-experiments", version)]
 struct Command {
     #[command(flatten)]
-    args: Args,
+    args: ExperimentArgs,
     /// Print no stages on standard error
     #[arg(long)]
     quiet: bool,

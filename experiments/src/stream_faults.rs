@@ -9,9 +9,9 @@ use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, StoredPlan};
 use bonemill_planner::stream_input;
 use bonemill_robot::stream::bound::{self, Failure};
-use bonemill_robot::stream::simulated::fault::{Draws, Fault};
+use bonemill_robot::stream::simulated::fault::{Fault, FaultDraws};
 use bonemill_robot::stream::simulated::swept::Swept;
-use bonemill_robot::stream::simulated::trial::{Piece, TrialResult};
+use bonemill_robot::stream::simulated::trial::{TrialPiece, TrialResult};
 use bonemill_robot::stream::{Settings, Standing, StreamPlan};
 use rayon::prelude::*;
 
@@ -174,15 +174,15 @@ impl Tally {
 }
 
 /// Pieces at drawn places of a plan.
-fn pieces(plan: &StreamPlan, rows: usize) -> Vec<Piece> {
-    let mut draws = Draws::new(25);
-    let from = |draws: &mut Draws| draws.below(plan.track.rows().saturating_sub(rows).max(1));
+fn pieces(plan: &StreamPlan, rows: usize) -> Vec<TrialPiece> {
+    let mut draws = FaultDraws::new(25);
+    let from = |draws: &mut FaultDraws| draws.below(plan.track.rows().saturating_sub(rows).max(1));
     let starts: Vec<usize> = (0..PIECES).map(|_| from(&mut draws)).collect();
-    starts.into_par_iter().map(|row| Piece::new(plan, row, rows)).collect()
+    starts.into_par_iter().map(|row| TrialPiece::new(plan, row, rows)).collect()
 }
 
 /// servoJ against programs on the controller that follow a buffer of targets: how many runs a loss or a stall ends, and how far the burr goes.
-fn buffers(pieces: &[Piece], name: &str, seeds: u64) -> Table {
+fn buffers(pieces: &[TrialPiece], name: &str, seeds: u64) -> Table {
     let columns = [
         "fault",
         "program",
@@ -201,7 +201,8 @@ fn buffers(pieces: &[Piece], name: &str, seeds: u64) -> Table {
         matches!(fault, ControlCut | ReceiveCut | BothCut | HalfOpen | Killed | Frozen | Stall(_))
     });
     let buffered = DEPTHS_S.map(|depth_s| {
-        let pieces: Vec<Piece> = pieces.par_iter().map(|piece| piece.clone().buffered(depth_s)).collect();
+        let pieces: Vec<TrialPiece> =
+            pieces.par_iter().map(|piece| piece.clone().buffered(depth_s)).collect();
         (format!("buffer of {depth_s} s"), pieces)
     });
     for (n, (what, fault)) in lost {
@@ -246,7 +247,7 @@ fn buffers(pieces: &[Piece], name: &str, seeds: u64) -> Table {
     table
 }
 
-fn faults(pieces: &[Piece], name: &str, seeds: u64, progress: &dyn Progress) -> Table {
+fn faults(pieces: &[TrialPiece], name: &str, seeds: u64, progress: &dyn Progress) -> Table {
     let mut table = faults_table(name);
     let began = Instant::now();
     for (n, (what, fault)) in Fault::ALL.iter().enumerate() {

@@ -5,10 +5,10 @@
 
 use crate::machining::leftover::{Leftover, Reason};
 use crate::machining::strip::{LEAST_FACTOR, cutting_force_n};
-use crate::machining::{Block, Job, Machining, Tool, Warning};
+use crate::machining::{Block, EndMill, Machining, MachiningJob, Warning};
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_imaging::part::Solid;
-use bonemill_imaging::part::orient::{Laid, Run};
+use bonemill_imaging::part::orient::{Laid, OrientationRun};
 use bonemill_planfile::Value;
 use bonemill_verify::proof::deviation::FARTHEST_MM;
 use bonemill_verify::proof::{Proof, ProofJob};
@@ -37,10 +37,10 @@ pub(crate) struct Milled<'a> {
     pub solid: &'a Solid,
     /// The part as given, after each run of the published procedure, and as it is milled.
     pub given: &'a Laid,
-    pub runs: &'a [Run],
+    pub runs: &'a [OrientationRun],
     pub chosen: &'a Laid,
     pub block: &'a Block,
-    pub machining_job: &'a Job,
+    pub machining_job: &'a MachiningJob,
     pub machining: &'a Machining,
     /// Line of the program above the outline's cuts, from 1.
     pub outline_line: usize,
@@ -191,12 +191,12 @@ impl Milled<'_> {
 }
 
 /// How far a force at its tip bends a cutter that the holder clamps, F L³ / (3 E I), I = π d⁴ / 64, mm; its flutes are taken for solid.
-fn bent_mm(tool: &Tool, force_n: f64) -> f64 {
+fn bent_mm(tool: &EndMill, force_n: f64) -> f64 {
     let inertia_mm4 = std::f64::consts::PI * tool.diameter_mm().powi(4) / 64.0;
     force_n * tool.length_mm.powi(3) / (3.0 * CARBIDE_N_MM2 * inertia_mm4)
 }
 
-fn left(left: &Leftover, tool: &Tool) -> String {
+fn left(left: &Leftover, tool: &EndMill) -> String {
     let (p, why) = (left.at_mm, reason(left.reason, tool));
     format!(
         "stock of {:.2} mm³, up to {:.2} mm thick, stays at ({:.1}, {:.1}, {:.1}) mm: {why}",
@@ -204,7 +204,7 @@ fn left(left: &Leftover, tool: &Tool) -> String {
     )
 }
 
-fn reason(reason: Reason, tool: &Tool) -> String {
+fn reason(reason: Reason, tool: &EndMill) -> String {
     match reason {
         Reason::Hidden => "the part covers it on both sides".into(),
         Reason::Narrow => {

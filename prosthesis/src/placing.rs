@@ -2,7 +2,7 @@
 
 use bonemill_case::prosthesis::OrientMode;
 use bonemill_geometry::{Mesh, Part};
-use bonemill_imaging::part::orient::{Laid, Run, Silhouette, least_residual, published};
+use bonemill_imaging::part::orient::{Laid, OrientationRun, SeenSurface, least_residual, published};
 
 /// The part's orientations.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,7 +10,7 @@ pub struct Placing {
     /// As the file gives it.
     pub given: Laid,
     /// After each run of the published procedure; empty where the part stays as given.
-    pub runs: Vec<Run>,
+    pub runs: Vec<OrientationRun>,
     /// The least residual area; `None` where the part stays as given.
     pub exact: Option<Laid>,
     /// The one that is machined.
@@ -20,7 +20,7 @@ pub struct Placing {
 impl Placing {
     /// Lays a part; `time_s` tells how long an orientation takes to machine, `None`: it cannot be. It is asked with `least_time` only.
     pub fn of(mesh: &Mesh<Part>, mode: OrientMode, time_s: impl Fn(&Laid) -> Option<f64>) -> Self {
-        let silhouette = Silhouette::of(mesh);
+        let silhouette = SeenSurface::of(mesh);
         let given = Laid::as_given(mesh, &silhouette);
         if mode == OrientMode::AsGiven {
             return Self { chosen: given.clone(), given, runs: Vec::new(), exact: None };

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::catalogue::Mounted;
-use crate::machining::{Block, Job, Machining, MachiningError};
+use crate::machining::{Block, Machining, MachiningError, MachiningJob};
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
 use bonemill_imaging::part::orient::Laid;
@@ -152,7 +152,7 @@ struct Milled {
 struct Mill<'a> {
     job: &'a ProsthesisJob,
     solid: &'a Solid,
-    machining_job: &'a Job,
+    machining_job: &'a MachiningJob,
     block: &'a str,
     progress: &'a dyn Progress,
 }
@@ -211,7 +211,7 @@ pub struct Trial {
     /// The part in the block's frame.
     pub part: Mesh<BlockFrame>,
     /// The job for the toolpath.
-    pub machining: Job,
+    pub machining: MachiningJob,
 }
 
 impl Trial {

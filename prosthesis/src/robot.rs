@@ -6,8 +6,8 @@
 //! the block's x, y and z along the flange's; the spindle stands upright before the arm, the cutter at its upper end. Collisions of the arm's links are not
 //! looked at.
 
-use crate::machining::trajectory::{ArmMotion, block_on_flange, spindle_on_flange};
-use crate::machining::{Block, MachiningError, Move};
+use crate::machining::trajectory::{DrivenMoves, block_on_flange, spindle_on_flange};
+use crate::machining::{Block, MachiningError, TipMove};
 use bonemill_arm::arm::{Arm, BlockMount, ToolMount};
 use bonemill_arm::ur::UrModel;
 use bonemill_case::prosthesis::OnFlange;
@@ -45,7 +45,7 @@ pub(crate) fn motion(
     model: UrModel,
     on_flange: OnFlange,
     block: &Block,
-    moves: &[Move],
+    moves: &[TipMove],
 ) -> Result<Result<RobotMotion, String>, MachiningError> {
     let arm = Arm::ur(model, None)?;
     let found = match on_flange {
@@ -115,7 +115,7 @@ fn setup(model: UrModel, on_flange: OnFlange) -> String {
     }
 }
 
-fn csv(arm: &Arm, motion: &ArmMotion) -> Result<Vec<u8>, MachiningError> {
+fn csv(arm: &Arm, motion: &DrivenMoves) -> Result<Vec<u8>, MachiningError> {
     let kinds: Vec<_> = arm.joints().iter().map(|joint| joint.kind).collect();
     let mut csv = Vec::new();
     write_trajectory_csv(&mut csv, &motion.law.rows(RATE_HZ)?, &kinds)?;
@@ -137,14 +137,14 @@ mod tests {
     }
 
     /// Over the block's corners above its grip and down to its middle, from the front, the back and the front again.
-    fn moves() -> Vec<Move> {
+    fn moves() -> Vec<TipMove> {
         let mut moves = Vec::new();
         for a_rad in [0.0, std::f64::consts::PI, 0.0] {
             let safe_mm = 22.5f64.hypot(65.0) + 3.0;
             let mut go = |x: f64, z: f64, w: f64| {
                 let mut tip_mm = Facing::of(a_rad).to_block(&Vector3::new(x, 0.0, w));
                 tip_mm.z = z;
-                moves.push(Move {
+                moves.push(TipMove {
                     side: Side::A,
                     kind: Kind::Link,
                     tip_mm,

@@ -1,7 +1,7 @@
 //! The job's numbers as the stages take them.
 
 use crate::catalogue::StockBlock;
-use crate::machining::{Block, HolderSegment, Job, Tool};
+use crate::machining::{Block, EndMill, HolderSegment, MachiningJob};
 use bonemill_case::prosthesis::{BlockSpec, ProsthesisJob};
 use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
@@ -10,12 +10,12 @@ use nalgebra::Vector3;
 const SAMPLE_MM: f64 = 0.25;
 
 /// The job for the toolpath.
-pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> Job {
+pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> MachiningJob {
     let t = &job.tool;
     let holder = t.holder_mm.iter().map(|&[length_mm, radius_mm]| HolderSegment { length_mm, radius_mm });
-    Job {
+    MachiningJob {
         block,
-        tool: Tool {
+        tool: EndMill {
             radius_mm: t.diameter_mm / 2.0,
             corner_radius_mm: t.corner_radius_mm,
             flutes: t.flutes,

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use crate::machining::{Facing, Move};
+use crate::machining::{Facing, TipMove};
 use bonemill_cutting::cutter::{ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Block, Mesh, Progress};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -19,7 +19,7 @@ use crate::verify::{read_part, read_text};
 use crate::{JobRecord, ProsthesisError, settings};
 
 /// From a frame with z along the cutter, out of the part, to the block's, at a move's end.
-pub fn turn(at: &Move) -> Rotation3<f64> {
+pub fn turn(at: &TipMove) -> Rotation3<f64> {
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| Facing::of(at.a_rad).to_block(&axis));
     Rotation3::from_matrix_unchecked(Matrix3::from_columns(&axes))
 }
@@ -34,7 +34,7 @@ pub struct ShownProsthesis {
     /// By vertex of the part: blue where the program cuts into it, grey as asked for, through yellow to red where stock stays.
     pub colours: Vec<Colour>,
     /// Every move, in order.
-    pub moves: Vec<Move>,
+    pub moves: Vec<TipMove>,
     /// What the cutter sweeps as it spins; z from its tip to the spindle.
     pub cutter: SolidOfRevolution,
     /// The holder behind it.
@@ -64,7 +64,7 @@ impl ShownProsthesis {
 }
 
 /// The moves of a `toolpath.csv`.
-fn moves(path: &Path) -> Result<Vec<Move>, ProsthesisError> {
+fn moves(path: &Path) -> Result<Vec<TipMove>, ProsthesisError> {
     let text = read_text(path)?;
     let fault = |line: usize, problem: &str| ProsthesisError::Folder {
         path: path.to_owned(),

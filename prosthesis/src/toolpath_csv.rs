@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::machining::{Kind, Move, Side};
+use crate::machining::{Kind, Side, TipMove};
 use bonemill_planfile::columns::{names, prosthesis::TOOLPATH};
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ pub(crate) fn header() -> String {
 }
 
 /// The table: where each move ends, block's frame, and when, at constant speeds.
-pub(crate) fn text(moves: &[Move]) -> String {
+pub(crate) fn text(moves: &[TipMove]) -> String {
     let mut out = String::with_capacity(64 * moves.len());
     out.push_str(&header());
     out.push('\n');
@@ -34,12 +34,12 @@ pub(crate) fn text(moves: &[Move]) -> String {
 }
 
 /// A row read back; `None` for one that is not the move of this index.
-pub(crate) fn read_row(row: &str, index: usize) -> Option<Move> {
+pub(crate) fn read_row(row: &str, index: usize) -> Option<TipMove> {
     let cells: Vec<&str> = row.split(',').collect();
     let [number, side, kind, numbers @ ..] = cells.as_slice() else { return None };
     let numbers: Vec<f64> = numbers.iter().map(|cell| cell.parse().ok()).collect::<Option<_>>()?;
     let [x, y, z, a_rad, feed_mm_min, time_s] = numbers.try_into().ok()?;
-    let read = Move {
+    let read = TipMove {
         side: Side::ALL.into_iter().find(|s| s.name() == *side)?,
         kind: Kind::ALL.into_iter().find(|k| k.name() == *kind)?,
         tip_mm: Vector3::new(x, y, z),

@@ -7,11 +7,11 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::machining::{Block as Stock, Facing, MachiningError, Move};
+use crate::machining::{Block as Stock, Facing, MachiningError, TipMove};
 use bonemill_case::prosthesis::{MachineKind, OrientMode};
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_imaging::part::orient::{Laid, Silhouette, published};
+use bonemill_imaging::part::orient::{Laid, SeenSurface, published};
 use bonemill_imaging::part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256, Value};
 use bonemill_verify::proof::gcode::{self, Program};
@@ -40,7 +40,7 @@ const SAME_TIME_S: f64 = 6e-4;
 
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Check {
+pub struct FolderCheck {
     /// What.
     pub name: &'static str,
     /// What was found wrong; empty when nothing was.
@@ -51,7 +51,7 @@ pub struct Check {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verdict {
     /// Every check, in order.
-    pub checks: Vec<Check>,
+    pub checks: Vec<FolderCheck>,
     /// Deepest cut into the part, mm.
     pub deepest_gouge_mm: f64,
     /// Thickest stock left on the part, mm.
@@ -135,7 +135,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
         || figures::by_proof(&proof, &job, record.job.process.finishing_step_mm, |_| None),
         |told| told.told.shortfalls.clone(),
     );
-    checks.push(Check { name: "the program makes the part as the job asks for", faults });
+    checks.push(FolderCheck { name: "the program makes the part as the job asks for", faults });
     if let Some(told) = &told {
         checks.push(same_record(&record, told));
     }
@@ -149,7 +149,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
             checks.push(same_trajectory(robot, &read_text(&trajectory_path)?));
         } else {
             let faults = vec!["there is none: the arm cannot follow the tool path".into()];
-            checks.push(Check { name: TRAJECTORY_FOLLOWS, faults });
+            checks.push(FolderCheck { name: TRAJECTORY_FOLLOWS, faults });
         }
     }
     let digest = |name: &str| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?));
@@ -169,7 +169,7 @@ fn failed(record: &JobRecord, source: MachiningError) -> ProsthesisError {
 
 /// What cuts: the moves, the program and what the proof says of it.
 struct Cut<'a> {
-    moves: &'a [Move],
+    moves: &'a [TipMove],
     program: &'a str,
     proof: &'a Proof,
     job: &'a ProofJob,
@@ -195,7 +195,7 @@ fn told(
     let part = laid_part(solid, &record.block_from_part);
     let machining = crate::machining::assess(&part, cut.moves.to_vec(), &machining_job)
         .map_err(|source| failed(record, source))?;
-    let silhouette = Silhouette::of(&solid.mesh);
+    let silhouette = SeenSurface::of(&solid.mesh);
     let runs = match record.job.orient {
         OrientMode::AsGiven => Vec::new(),
         OrientMode::LeastResidual | OrientMode::LeastTime => published(&solid.mesh, &silhouette),
@@ -243,16 +243,16 @@ fn read_solid(
     solid.map_err(|source| ProsthesisError::Part { path: path.into(), source })
 }
 
-fn input_unchanged(record: &JobRecord, dir: &Path) -> Result<Check, ProsthesisError> {
+fn input_unchanged(record: &JobRecord, dir: &Path) -> Result<FolderCheck, ProsthesisError> {
     let path = record.part_path(dir);
     let now = Sha256::of_file(&path)?;
     let fault = format!("{} has changed since the plan was made", path.display());
     let faults = if now == record.part_sha256 { Vec::new() } else { vec![fault] };
-    Ok(Check { name: "input unchanged", faults })
+    Ok(FolderCheck { name: "input unchanged", faults })
 }
 
 /// part.stl is the part of its own file, laid as stated.
-fn same_part(record: &JobRecord, own: &Solid, part: &Mesh<Block>) -> Check {
+fn same_part(record: &JobRecord, own: &Solid, part: &Mesh<Block>) -> FolderCheck {
     let own = own.mesh.transformed(&record.block_from_part);
     let mut faults = Vec::new();
     if own.triangles.len() != part.triangles.len() {
@@ -275,10 +275,10 @@ fn same_part(record: &JobRecord, own: &Solid, part: &Mesh<Block>) -> Check {
         let at = off.map(|c| c as f64 * SAME_MM);
         faults.push(format!("part.stl has a vertex at {at:?} mm that the part as laid has not"));
     }
-    Check { name: "part.stl is the part as laid", faults }
+    FolderCheck { name: "part.stl is the part as laid", faults }
 }
 
-fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
+fn inside_block(block: &Stock, part: &Mesh<Block>) -> FolderCheck {
     let grip_top = block.low_mm + Vector3::z() * block.grip_mm;
     let outside = part.vertices.iter().find(|v| {
         let p = v.coords;
@@ -286,11 +286,11 @@ fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
     });
     let faults =
         outside.map(|v| format!("the part leaves the block above the grip at {:?} mm", v.coords.as_slice()));
-    Check { name: "the part lies in the block above the grip", faults: faults.into_iter().collect() }
+    FolderCheck { name: "the part lies in the block above the grip", faults: faults.into_iter().collect() }
 }
 
 /// `job.toml` tells what follows from the files, and is as it was written.
-fn same_record(record: &JobRecord, found: &Follows) -> Check {
+fn same_record(record: &JobRecord, found: &Follows) -> FolderCheck {
     let mut faults = Vec::new();
     let of =
         |list: &[(String, Value)], name: &str| list.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
@@ -337,7 +337,7 @@ fn same_record(record: &JobRecord, found: &Follows) -> Check {
     if !record.is_as_written {
         faults.push("a line is not as it was written: the digest in the last line is another".into());
     }
-    Check { name: "job.toml tells what follows from the files", faults }
+    FolderCheck { name: "job.toml tells what follows from the files", faults }
 }
 
 /// The first place at which two lists differ.
@@ -364,7 +364,7 @@ fn shown(value: &Value) -> String {
 }
 
 /// The rows of toolpath.csv; `Err` tells what is wrong with the first that is no move.
-fn moves_of(table: &str) -> Result<Vec<Move>, String> {
+fn moves_of(table: &str) -> Result<Vec<TipMove>, String> {
     let header = toolpath_csv::header();
     if table.lines().next() != Some(header.as_str()) {
         return Err(format!("line 1: expected the header {header:?}"));
@@ -380,15 +380,15 @@ fn moves_of(table: &str) -> Result<Vec<Move>, String> {
 
 /// program.nc is what toolpath.csv's moves are written as, line by line, and the table's own speeds and times are those of its moves.
 fn same_program(
-    rows: Result<&[Move], &String>,
+    rows: Result<&[TipMove], &String>,
     program: &str,
     record: &JobRecord,
     shortfalls: &[String],
-) -> Check {
+) -> FolderCheck {
     let name = "program.nc drives the moves of toolpath.csv, and nothing else";
     let moves = match rows {
         Ok(moves) => moves,
-        Err(wrong) => return Check { name, faults: vec![format!("toolpath.csv {wrong}")] },
+        Err(wrong) => return FolderCheck { name, faults: vec![format!("toolpath.csv {wrong}")] },
     };
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
@@ -422,7 +422,7 @@ fn same_program(
         }
         break;
     }
-    Check { name, faults }
+    FolderCheck { name, faults }
 }
 
 /// Whether a speed is not the one that is wanted.
@@ -432,7 +432,7 @@ fn is_other(speed: f64, wanted: f64) -> bool {
 }
 
 /// The program's feeds, spindle speed and span are the job's and the machine's.
-fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
+fn speeds_of_the_job(program: &Program, record: &JobRecord) -> FolderCheck {
     let (job, machine) = (settings::machining(&record.job, record.block), &record.job.machine);
     let mut faults = Vec::new();
     let wanted = job.feed_mm_min();
@@ -464,15 +464,15 @@ fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
             faults.push(format!("line {line}: A{a_deg} where the machine reaches {low_deg}° to {high_deg}°"));
         }
     }
-    Check { name: "the program keeps the job's speeds and the machine's limits", faults }
+    FolderCheck { name: "the program keeps the job's speeds and the machine's limits", faults }
 }
 
 /// trajectory.csv is the arm's motion along toolpath.csv.
-fn same_trajectory(robot: &Result<RobotMotion, String>, trajectory: &str) -> Check {
+fn same_trajectory(robot: &Result<RobotMotion, String>, trajectory: &str) -> FolderCheck {
     let name = TRAJECTORY_FOLLOWS;
     let motion = match robot {
         Ok(motion) => motion,
-        Err(reason) => return Check { name, faults: vec![reason.clone()] },
+        Err(reason) => return FolderCheck { name, faults: vec![reason.clone()] },
     };
     let own = String::from_utf8_lossy(&motion.csv);
     let mut faults = Vec::new();
@@ -482,7 +482,7 @@ fn same_trajectory(robot: &Result<RobotMotion, String>, trajectory: &str) -> Che
     } else if own.lines().count() != trajectory.lines().count() {
         faults.push(format!("{} lines instead of {}", trajectory.lines().count(), own.lines().count()));
     }
-    Check { name, faults }
+    FolderCheck { name, faults }
 }
 
 /// Whether two rows have the same words, numbers to [`SAME_MOTION`].

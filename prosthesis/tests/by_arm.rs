@@ -9,7 +9,7 @@ use bonemill_arm::arm::{Arm, BlockMount};
 use bonemill_arm::ur::UrModel;
 use bonemill_geometry::Rigid;
 use bonemill_prosthesis::machining::trajectory::{block_on_flange, spindle_on_flange};
-use bonemill_prosthesis::machining::{Facing, Job, Move, plan};
+use bonemill_prosthesis::machining::{Facing, MachiningJob, TipMove, plan};
 use bonemill_robot::timelaw::{CornerTolerance, PathLimits, TimeLaw};
 use common::{Shell, flat, job};
 use nalgebra::{Rotation3, Vector3};
@@ -18,7 +18,7 @@ use nalgebra::{Rotation3, Vector3};
 const RATE_HZ: f64 = 200.0;
 
 /// A small part with a coarse finishing step, so that the test is quick, and its moves.
-fn milled() -> (Job, Vec<Move>) {
+fn milled() -> (MachiningJob, Vec<TipMove>) {
     let shell =
         Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
     let part = shell.mesh();
@@ -67,7 +67,7 @@ fn an_arm_follows_the_moves_within_its_limits_or_says_where_it_cannot() {
 }
 
 /// The block 100 mm before the flange, by its lower end in z, and the spindle upright below its cutter's tip.
-fn held(job: &Job) -> BlockMount {
+fn held(job: &MachiningJob) -> BlockMount {
     let grip = Vector3::new(0.0, 0.0, job.block.low_mm.z);
     BlockMount {
         flange_from_block: Rigid::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 100.0) - grip),
@@ -87,7 +87,7 @@ enum On {
 }
 
 /// Whether tip and axis, in the block, are where a move has them.
-fn on([from, to]: [&Move; 2], tip: &Vector3<f64>, axis: &Vector3<f64>) -> Option<On> {
+fn on([from, to]: [&TipMove; 2], tip: &Vector3<f64>, axis: &Vector3<f64>) -> Option<On> {
     let [before, after] = [from, to].map(|m| Facing::of(m.a_rad));
     let start = after.to_block(&before.from_block(&from.tip_mm));
     let upright = after.to_block(&Vector3::z());

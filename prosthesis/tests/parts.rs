@@ -9,14 +9,16 @@ use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_prosthesis::machining::leftover::Reason;
 use bonemill_prosthesis::machining::strip::cutting_force_n;
 use bonemill_prosthesis::machining::time::times;
-use bonemill_prosthesis::machining::{Facing, Job, Kind, Machining, MachiningError, Move, Side, Tool, plan};
+use bonemill_prosthesis::machining::{
+    EndMill, Facing, Kind, Machining, MachiningError, MachiningJob, Side, TipMove, plan,
+};
 use bonemill_prosthesis::program::{OUTLINE, write};
 use bonemill_verify::proof::{Proof, prove};
 use common::{Shell, flat, job, proof_job};
 use nalgebra::Vector3;
 
 /// Plans, writes, reads back and judges.
-fn proven(part: &Mesh<Block>, job: &Job) -> (Machining, Proof, bonemill_verify::proof::ProofJob) {
+fn proven(part: &Mesh<Block>, job: &MachiningJob) -> (Machining, Proof, bonemill_verify::proof::ProofJob) {
     let planned = plan(part, job).unwrap();
     let text = write(&planned.moves, job, "a test", &[]);
     let proof_job = proof_job(job, vec![planned.tab_box]);
@@ -24,7 +26,7 @@ fn proven(part: &Mesh<Block>, job: &Job) -> (Machining, Proof, bonemill_verify::
     (planned, proof, proof_job)
 }
 
-fn is_clean(proof: &Proof, job: &Job) {
+fn is_clean(proof: &Proof, job: &MachiningJob) {
     assert!(
         proof.deepest_gouge_mm <= 0.02,
         "gouge of {} mm at {:?}",
@@ -37,14 +39,14 @@ fn is_clean(proof: &Proof, job: &Job) {
 }
 
 /// Greatest force of the cuts from the outline on, N.
-fn outline_force_n(planned: &Machining, proof: &Proof, job: &Job) -> f64 {
+fn outline_force_n(planned: &Machining, proof: &Proof, job: &MachiningJob) -> f64 {
     let text = write(&planned.moves, job, "a test", &[]);
     let line = text.lines().position(|line| line == OUTLINE).unwrap();
     cutting_force_n(job, proof.chip_mm(line))
 }
 
 /// A coarse tool and step, so that the test is quick.
-fn quick(part: &Mesh<Block>, tool: Tool) -> Job {
+fn quick(part: &Mesh<Block>, tool: EndMill) -> MachiningJob {
     let mut job = job(part, tool);
     job.process.finishing_step_mm = 0.15;
     job
@@ -57,7 +59,7 @@ fn a_bevelled_shell_is_made_to_the_finishing_step() {
             Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 7.0, bevel_mm, thickness_mm: 4.0, rings: 10 };
         let part = shell.mesh();
         assert!(part.volume_mm3() > 0.0);
-        let job = quick(&part, Tool { corner_radius_mm, ..flat() });
+        let job = quick(&part, EndMill { corner_radius_mm, ..flat() });
         let (planned, proof, _) = proven(&part, &job);
         is_clean(&proof, &job);
         assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
@@ -110,7 +112,7 @@ fn bent(outer: &[[f64; 2]], inner: &[[f64; 2]], thickness_mm: f64) -> Mesh<Block
 
 #[test]
 fn no_piece_of_the_block_comes_loose() {
-    let mill = Tool { radius_mm: 1.5, ..flat() };
+    let mill = EndMill { radius_mm: 1.5, ..flat() };
     // the channel opens through the block's ends or leaves a frame: the stock above the part is cut off in the first two
     let part = drawn(&[[-2.0, -5.0], [2.0, -5.0], [2.0, 5.0], [-2.0, 5.0]], 12.0);
     for (gap_mm, is_loose) in [(0.0, true), (2.9, true), (5.0, false)] {
@@ -121,7 +123,7 @@ fn no_piece_of_the_block_comes_loose() {
         assert!(proof.too_wide.is_empty(), "{gap_mm}: {:?}", proof.too_wide);
         is_clean(&proof, &job);
         assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
-        let above = |m: &&Move| m.kind == Kind::Rough && m.tip_mm.z > 5.0 + 2.0 * 1.5;
+        let above = |m: &&TipMove| m.kind == Kind::Rough && m.tip_mm.z > 5.0 + 2.0 * 1.5;
         assert_eq!(planned.moves.iter().any(|m| above(&m)), is_loose, "{gap_mm}");
     }
     // the channel closes the mouth of a C: its core is cut off. Its corners are rounder than the cutter
@@ -149,7 +151,7 @@ fn a_corner_that_the_cutter_is_too_wide_for_is_told_with_its_volume() {
     let outer = [[-8.0, 8.0], [-8.0, -8.0], [8.0, -8.0]];
     let inner = [[-2.0, 8.0], [-2.0, -2.0], [8.0, -2.0]];
     let part = bent(&inner, &outer, 4.0);
-    let mut job = quick(&part, Tool { radius_mm: 3.0, ..flat() });
+    let mut job = quick(&part, EndMill { radius_mm: 3.0, ..flat() });
     job.block.grip_mm = 4.0;
     let (planned, proof, proof_job) = proven(&part, &job);
     is_clean(&proof, &job);
@@ -165,7 +167,7 @@ fn a_corner_that_the_cutter_is_too_wide_for_is_told_with_its_volume() {
 #[test]
 fn a_cutter_that_is_tiny_for_its_block_is_refused_with_what_would_do() {
     let part = plate_with_hole(6.0);
-    let mut job = quick(&part, Tool { radius_mm: 0.1, ..flat() });
+    let mut job = quick(&part, EndMill { radius_mm: 0.1, ..flat() });
     // 12 mm of block on either side of a plate of 12 mm
     (job.block.low_mm.y, job.block.high_mm.y) = (-12.0, 12.0);
     let refused = plan(&part, &job).unwrap_err();
@@ -293,7 +295,7 @@ fn a_hole_is_cut_where_the_cutter_fits_and_told_where_not() {
 }
 
 /// For every cut: its length across, mm, and the area from which it takes more than the depth of cut at once, mm²; on cells of 0.1 mm.
-fn too_deep(planned: &Machining, job: &Job) -> Vec<(f64, f64)> {
+fn too_deep(planned: &Machining, job: &MachiningJob) -> Vec<(f64, f64)> {
     const CELL_MM: f64 = 0.1;
     let (low, high) = (job.block.low_mm, job.block.high_mm);
     let dims = [high.x - low.x, high.z - low.z].map(|side| (side / CELL_MM) as usize);
@@ -346,7 +348,7 @@ fn no_cut_is_deeper_than_the_depth_of_cut_but_in_slivers_that_roughing_leaves() 
     };
     let (shell, plate) = (shell.mesh(), plate_with_hole(6.0));
     for (part, corner_radius_mm) in [(&shell, 0.0), (&shell, 1.5875), (&plate, 0.5)] {
-        let job = quick(part, Tool { corner_radius_mm, ..flat() });
+        let job = quick(part, EndMill { corner_radius_mm, ..flat() });
         // a tenth of the diameter, and a cell
         let sliver_mm = 0.1 * job.tool.diameter_mm() + 0.1;
         for (across_mm, area_mm2) in too_deep(&plan(part, &job).unwrap(), &job) {
@@ -415,7 +417,7 @@ fn a_time_that_is_too_short_is_answered_with_what_would_meet_it() {
 fn the_rotary_axis_keeps_its_speed_and_turns_with_the_tip_at_rest() {
     let mut job = job(&plate_with_hole(6.0), flat());
     // up, half a turn in place and down again: the machine's Z is the block's y, then its reverse
-    let at = |y: f64, a_rad: f64| Move {
+    let at = |y: f64, a_rad: f64| TipMove {
         side: Side::B,
         kind: Kind::Link,
         tip_mm: Vector3::new(0.0, y, 0.0),

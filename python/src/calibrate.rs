@@ -6,7 +6,7 @@ use bonemill_geometry::Point;
 use bonemill_planner::calibrate::{
     Coefficient, CoefficientFit, NoSuchCoefficient, calibrate as rust_calibrate,
 };
-use bonemill_planner::plan::{LogRow, Need, read_force_log};
+use bonemill_planner::plan::{ForceLogRow, Need, read_force_log};
 use bonemill_planner::simulate::{SimulationSetup, observe};
 use bonemill_planner::stages;
 use numpy::PyReadonlyArray2;
@@ -63,8 +63,8 @@ pub fn calibrate(
 }
 
 /// A row of the log; `v` returns its columns.
-fn row(v: impl Fn(usize) -> f64) -> LogRow {
-    LogRow {
+fn row(v: impl Fn(usize) -> f64) -> ForceLogRow {
+    ForceLogRow {
         time_s: v(0),
         position: Point::new(v(1), v(2), v(3)),
         axis: [v(4), v(5), v(6)].into(),

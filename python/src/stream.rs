@@ -18,7 +18,7 @@ use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
     ArmLink, ArmState, Aside, Cause, Clock, Event, Identity, LinkFault, Log, LogWriter, Operator, Order,
-    Outcome, Question, Session, Settings, SpindleEnd, StreamPlan as CorePlan, Timing, drive,
+    Question, RunEnd, Session, Settings, SpindleEnd, StreamPlan as CorePlan, StreamTiming, drive,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -61,7 +61,7 @@ impl StreamPlan {
         lookahead_s: f64,
         gain: f64,
     ) -> PyResult<Self> {
-        let timing = Timing::of_servo(lookahead_s, gain).map_err(|e| refused(&e))?;
+        let timing = StreamTiming::of_servo(lookahead_s, gain).map_err(|e| refused(&e))?;
         let settings =
             Settings { slow, unverified, payload_kg, serial, run_up_s, timing, ..Settings::default() };
         let read = move |_: &dyn bonemill_planner::Progress| -> PyResult<Self> {
@@ -202,7 +202,7 @@ fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64
     found
 }
 
-fn ended(outcome: &Outcome) -> Ended {
+fn ended(outcome: &RunEnd) -> Ended {
     let is_off = outcome.spindle == SpindleEnd::Off;
     (
         (outcome.cause.is_some() || !outcome.at_rest || !is_off).then(|| outcome.to_string()),

@@ -7,15 +7,15 @@ mod common;
 
 use bonemill_robot::stream::Cause;
 use bonemill_robot::stream::simulated::fault::Fault;
-use bonemill_robot::stream::simulated::trial::Piece;
+use bonemill_robot::stream::simulated::trial::TrialPiece;
 
 const COUNT: u64 = 10_000;
 
-fn pieces() -> Vec<Piece> {
+fn pieces() -> Vec<TrialPiece> {
     let mut all = Vec::new();
     for (most_mm_s, gap_mm) in [(4.0, 0.6), (10.0, 2.0), (1.5, 8.0)] {
         let plan = common::values(3.0, most_mm_s, gap_mm).plan(common::settings());
-        all.extend((0..7).map(|n| Piece::new(&plan, 200 * n, 120)));
+        all.extend((0..7).map(|n| TrialPiece::new(&plan, 200 * n, 120)));
     }
     all
 }
@@ -86,8 +86,8 @@ fn the_cause_comes_first() {
 #[test]
 fn targets_held_on_the_controller_bridge_stalls_and_go_farther_after_a_loss() {
     let plan = common::values(3.0, 4.0, 0.6).plan(common::settings());
-    let servo: Vec<Piece> = (0..4).map(|n| Piece::new(&plan, 200 * n, 500)).collect();
-    let worst_mm = |pieces: &[Piece], fault: Fault| {
+    let servo: Vec<TrialPiece> = (0..4).map(|n| TrialPiece::new(&plan, 200 * n, 500)).collect();
+    let worst_mm = |pieces: &[TrialPiece], fault: Fault| {
         let results = (0..120).map(|seed| pieces[seed as usize % pieces.len()].run(fault, seed, false));
         results.fold((0, 0.0f64), |(stopped, worst_mm), result| {
             assert!(result.is_within() && !result.hung(), "{fault:?}: {result:#?}");

@@ -10,8 +10,8 @@ use bonemill_arm::Arm;
 use bonemill_robot::stream::approach::Approach;
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
-    ArmState, Cause, Hold, Joints, LinkFault, Log, LogWriter, Order, Settings, SpindleEnd, Standing,
-    StreamError, StreamPlan, Timing,
+    ArmState, Cause, HoldPlace, Joints, LinkFault, Log, LogWriter, Order, Settings, SpindleEnd, Standing,
+    StreamError, StreamPlan, StreamTiming,
 };
 use common::{PERIOD_S, settings, values};
 use nalgebra::Vector3;
@@ -133,7 +133,7 @@ fn orders_do_not_pile_up_before_a_client_that_takes_none() {
 #[test]
 fn a_hold_at_the_first_row_waits_there() {
     let mut values = values(2.0, 3.0, 8.0);
-    values.holds = vec![Hold { row: 0, why: "2 mm from nerve".into() }];
+    values.holds = vec![HoldPlace { row: 0, why: "2 mm from nerve".into() }];
     let plan = values.plan(settings());
     let mut user = User::who_says(&[true, false]);
     let mut arm = Obedient::at(&plan, plan.track.q()[0]);
@@ -144,7 +144,7 @@ fn a_hold_at_the_first_row_waits_there() {
 #[test]
 fn a_hold_goes_back_along_the_path_waits_and_goes_on() {
     let mut values = values(2.0, 3.0, 8.0);
-    values.holds = vec![Hold { row: 600, why: "2 mm from nerve".into() }];
+    values.holds = vec![HoldPlace { row: 600, why: "2 mm from nerve".into() }];
     let plan = values.plan(settings());
     let mut user = User::default();
     let mut arm = Obedient::at(&plan, plan.track.q()[0]);
@@ -328,9 +328,9 @@ fn an_arm_that_slides_is_rehearsed_within_its_bound_and_not_streamed_to() {
 fn the_bound_is_of_the_given_lookahead_and_gain_and_what_cannot_run_is_refused() {
     let values = values(2.0, 6.0, 8.0);
     let with = |timing| values.plan(Settings { timing, ..settings() });
-    let quick = with(Timing::ASSUMED);
-    let late = with(Timing::of_servo(0.2, 100.0).unwrap());
-    assert_eq!(Timing::of_servo(0.03, 2000.0).unwrap(), Timing::ASSUMED);
+    let quick = with(StreamTiming::ASSUMED);
+    let late = with(StreamTiming::of_servo(0.2, 100.0).unwrap());
+    assert_eq!(StreamTiming::of_servo(0.03, 2000.0).unwrap(), StreamTiming::ASSUMED);
     for row in [300, 500, 700] {
         let (a, b) = (quick.travel(row), late.travel(row));
         assert!(b.along_mm > a.along_mm && b.off_mm > 2.0 * a.off_mm, "row {row}: {a:?}, {b:?}");
@@ -338,7 +338,7 @@ fn the_bound_is_of_the_given_lookahead_and_gain_and_what_cannot_run_is_refused()
     assert!(quick.ready().is_ok());
     assert!(late.ready().unwrap_err().contains("a smaller --lookahead-s or a larger --gain"));
     assert!((late.settings().timing.lag_s - 0.296).abs() < 1e-9);
-    assert!(Timing::of_servo(0.2, 99.0).is_err() && Timing::of_servo(f64::NAN, 300.0).is_err());
+    assert!(StreamTiming::of_servo(0.2, 99.0).is_err() && StreamTiming::of_servo(f64::NAN, 300.0).is_err());
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod common;
 mod obedient;
 
 use bonemill_robot::stream::{
-    ArmState, Cause, Hold, Identity, Order, PLAYING, Session, SpindleEnd, StreamPlan,
+    ArmState, Cause, HoldPlace, Identity, Order, PLAYING, Session, SpindleEnd, StreamPlan,
 };
 use common::{PERIOD_S, settings, values};
 use obedient::{Obedient, User};
@@ -158,7 +158,7 @@ fn a_spindle_that_was_never_on_is_not_said_to_turn_and_one_that_nobody_sees_is()
 #[test]
 fn the_question_of_a_hold_comes_once_the_spindle_is_seen_off() {
     let mut values = values(2.0, 3.0, 8.0);
-    values.holds = vec![Hold { row: 600, why: "2 mm from nerve".into() }];
+    values.holds = vec![HoldPlace { row: 600, why: "2 mm from nerve".into() }];
     let plan = values.plan(settings());
     let mut user = User::default();
     let mut arm = Obedient::at(&plan, plan.track.q()[0]);

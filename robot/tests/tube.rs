@@ -4,10 +4,10 @@
 
 mod common;
 
-use bonemill_arm::arm::{Goal, dls};
+use bonemill_arm::arm::{ToolGoal, dls};
 use bonemill_geometry::Rigid;
 use bonemill_robot::stream::bound::tube;
-use bonemill_robot::stream::simulated::fault::Draws;
+use bonemill_robot::stream::simulated::fault::FaultDraws;
 use bonemill_robot::stream::{Joints, StreamPlan};
 use common::{PERIOD_S, settings, values};
 use nalgebra::{Rotation3, Vector3};
@@ -22,7 +22,7 @@ fn plan(seconds: f64, turn_rad_s: f64, way_mm: impl Fn(f64) -> Vector3<f64>) -> 
         let time_s = row as f64 * PERIOD_S;
         let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_rad_s * time_s);
         let pose = Rigid::new(turn * start.rotation, start.translation_mm + way_mm(time_s));
-        q = dls::solve(&made.arm, &Goal::Pose(pose), &q).q.try_into().unwrap();
+        q = dls::solve(&made.arm, &ToolGoal::Pose(pose), &q).q.try_into().unwrap();
         joints.copy_from_slice(&q);
     }
     made.plan(settings())
@@ -31,7 +31,7 @@ fn plan(seconds: f64, turn_rad_s: f64, way_mm: impl Fn(f64) -> Vector3<f64>) -> 
 /// The farthest from the path that drawn means of targets, and stops from them, lead, as a share of what the tube leaves beside the tolerance.
 fn fullest(plan: &StreamPlan, rate: f64, seed: u64) -> f64 {
     let (timing, q) = (plan.settings().timing, plan.track.q());
-    let mut draws = Draws::new(seed);
+    let mut draws = FaultDraws::new(seed);
     let backlog = (rate * timing.backlog_s() / plan.period_s) as usize;
     let mut fullest: f64 = 0.0;
     for _ in 0..4000 {

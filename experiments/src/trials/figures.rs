@@ -7,7 +7,7 @@ use bonemill_planner::toward::{TowardFigures, TowardSpan};
 
 /// One cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct CutSample {
     /// Duration, s.
     pub seconds: f64,
     /// Whole force, N.
@@ -37,9 +37,9 @@ pub struct TrialFigures {
 
 impl TrialFigures {
     /// The figures of a trial's samples.
-    pub fn of(samples: &[Sample]) -> Self {
-        let figures = |force_n: fn(&Sample) -> Option<f64>| {
-            let span = |(row, s): (usize, &Sample)| {
+    pub fn of(samples: &[CutSample]) -> Self {
+        let figures = |force_n: fn(&CutSample) -> Option<f64>| {
+            let span = |(row, s): (usize, &CutSample)| {
                 let force_n = force_n(s)?;
                 Some(TowardSpan { seconds: s.seconds, force_n, peak_n: force_n, row })
             };
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn time_is_the_weight_and_zeros_are_told_apart() {
-        let sample = |seconds, force_n, toward_n| Sample { seconds, force_n, toward_n };
+        let sample = |seconds, force_n, toward_n| CutSample { seconds, force_n, toward_n };
         let figures = TrialFigures::of(&[
             sample(1.0, 1.0, Some(0.4)),
             sample(3.0, 0.5, Some(0.8)),

@@ -21,7 +21,7 @@ use bonemill_planner::toward::NEAR_MM;
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
 pub use felt::run as felt;
-use figures::{Sample, TrialFigures};
+use figures::{CutSample, TrialFigures};
 pub use sweep::run as sweep;
 pub use turning::run as turning;
 
@@ -48,7 +48,7 @@ type Changes = [Option<f64>; 7];
 
 /// One block, the position of its nerve and the direction of the lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Setup {
+pub struct BlockSetup {
     /// Seed of the block's air cells.
     pub seed: u64,
     /// The wall that the nerve passes.
@@ -83,7 +83,7 @@ impl Trials {
 /// Prepares a block and calls `work` with it, with the paper's defaults or this project's; `adjust` changes the case before the
 /// path is laid.
 fn on_block<R>(
-    setup: &Setup,
+    setup: &BlockSetup,
     adjust: impl Fn(&mut Case),
     work: impl FnOnce(&Body, &Prepared) -> Result<R, ExperimentError>,
 ) -> Result<R, ExperimentError> {
@@ -127,13 +127,13 @@ fn control(prepared: &Prepared, case: &Case) -> Result<Chosen, ExperimentError> 
 }
 
 /// The cuts as samples, at these speeds.
-fn samples(prepared: &Prepared, chosen: &Chosen, speed_mm_s: &[f64]) -> Vec<Sample> {
+fn samples(prepared: &Prepared, chosen: &Chosen, speed_mm_s: &[f64]) -> Vec<CutSample> {
     let radius_mm = prepared.radius_mm();
     (0..speed_mm_s.len())
         .filter_map(|i| {
             let force = chosen.forces[i]?.force_n(speed_mm_s[i]);
             let near = prepared.nearest(i).filter(|n| n.distance_mm - radius_mm <= NEAR_MM);
-            Some(Sample {
+            Some(CutSample {
                 seconds: prepared.length_mm()[i] / speed_mm_s[i],
                 force_n: force.norm(),
                 toward_n: near.map(|n| force.dot(&n.toward).max(0.0)),
@@ -172,7 +172,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
                 progress.stage("trials");
                 progress.advance(done, of);
                 done += 1;
-                let setup = Setup { seed, nerve: *nerve, raster_rad: *raster_rad };
+                let setup = BlockSetup { seed, nerve: *nerve, raster_rad: *raster_rad };
                 on_block(
                     &setup,
                     |_| (),
@@ -314,7 +314,7 @@ mod tests {
     /// One block as in the paper: tests the tendency of the result, not its digits.
     #[test]
     fn angle_and_speed_at_equal_time_lower_the_force_toward_the_nerve() {
-        let setup = Setup { seed: 3, nerve: NerveSide::BesideTiltPlane, raster_rad: 0.0 };
+        let setup = BlockSetup { seed: 3, nerve: NerveSide::BesideTiltPlane, raster_rad: 0.0 };
         let coarse = |case: &mut Case| (case.path.step_mm, case.grid.spacing_mm) = (0.5, 0.5);
         on_block(&setup, coarse, |body, prepared| {
             let mut case = body.case(false)?;

@@ -3,7 +3,7 @@
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, Measure, OrientationMode};
 
-use super::{Changes, NERVES, SPINS, Setup, control, on_block, percent, trials};
+use super::{BlockSetup, Changes, NERVES, SPINS, control, on_block, percent, trials};
 use crate::{ExperimentError, Size, Table};
 
 /// An assumption, its value in words, and a function that sets it.
@@ -70,7 +70,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
             progress.advance(done, of);
             let mut found: Vec<Vec<[Changes; 2]>> = vec![Vec::new(); variants.len()];
             for seed in 1..=size.seeds {
-                let setup = Setup { seed, nerve, raster_rad: 0.0 };
+                let setup = BlockSetup { seed, nerve, raster_rad: 0.0 };
                 let lay = |case: &mut Case| {
                     if let [one] = variants {
                         (one.set)(case)

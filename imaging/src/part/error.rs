@@ -10,14 +10,14 @@ use super::unit::{LONGEST_MM, LengthUnit, SHORTEST_MM};
 
 /// A facet by its number in the file, from 0, and a point on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct FacetPlace {
     /// Number in the file, from 0.
     pub facet: u32,
     /// The point, mm.
     pub at_mm: [f64; 3],
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FacetPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.at_mm;
         write!(f, "facet {} at ({x:.3}, {y:.3}, {z:.3}) mm", self.facet)
@@ -117,13 +117,13 @@ pub enum PartError {
         /// How many edges.
         edges: usize,
         /// The first.
-        place: Place,
+        place: FacetPlace,
     },
     /// Neighbouring facets cannot be turned alike.
     #[error("the facets cannot be turned alike: the surface has one side only, seen at {place}")]
     OneSided {
         /// Where a contradiction shows.
-        place: Place,
+        place: FacetPlace,
     },
     /// A hole too large to be filled.
     #[error(
@@ -140,7 +140,7 @@ pub enum PartError {
         /// The most edges that are filled.
         most_edges: usize,
         /// A facet beside it.
-        place: Place,
+        place: FacetPlace,
     },
     /// Several pieces.
     #[error(
@@ -153,7 +153,7 @@ pub enum PartError {
         /// Area of the second in size, mm².
         area_mm2: f64,
         /// A facet of it.
-        place: Place,
+        place: FacetPlace,
     },
     /// The surface crosses itself.
     #[error(
@@ -165,9 +165,9 @@ pub enum PartError {
         /// How deep one facet reaches through the other, mm.
         depth_mm: f64,
         /// One facet.
-        first: Place,
+        first: FacetPlace,
         /// The other.
-        second: Place,
+        second: FacetPlace,
     },
     /// So many facets lie over each other that crossings cannot be looked for.
     #[error(
@@ -177,7 +177,7 @@ pub enum PartError {
         /// Pairs of facets whose boxes meet.
         pairs: u64,
         /// Where it became too many.
-        place: Place,
+        place: FacetPlace,
     },
     /// No volume.
     #[error("the surface encloses {volume_mm3:.6} mm³; expected a solid")]

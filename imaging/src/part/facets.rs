@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PartError, Place};
+use super::{FacetPlace, PartError};
 
 /// Most facets of a part. A file of 50 bytes a facet is then 500 MB.
 pub const MOST_FACETS: usize = 10_000_000;
@@ -72,8 +72,8 @@ impl Facets {
     }
 
     /// The facet's number in the file and its first corner.
-    pub(crate) fn place(&self, facet: usize) -> Place {
-        Place { facet: self.numbers[facet], at_mm: self.corners(facet)[0].into() }
+    pub(crate) fn place(&self, facet: usize) -> FacetPlace {
+        FacetPlace { facet: self.numbers[facet], at_mm: self.corners(facet)[0].into() }
     }
 
     /// Drops the vertices that no facet has: they have no place in the part's size.

@@ -41,7 +41,7 @@ mod unit;
 mod weld;
 
 pub use change::Change;
-pub use error::{PartError, Place};
+pub use error::{FacetPlace, PartError};
 pub use facets::{Facets, MOST_FACETS};
 pub use read::{MeshFormat, parse_facets, read_facets};
 pub use solid::{CROSSING_TOLERANCE_MM, RepairLimits, Solid};

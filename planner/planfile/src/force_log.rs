@@ -13,7 +13,7 @@ const COLUMNS: [&str; 10] =
 
 /// One row of a force log.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LogRow {
+pub struct ForceLogRow {
     /// Clock, s.
     pub time_s: f64,
     /// Burr's centre.
@@ -30,15 +30,15 @@ pub struct LogRow {
 /// # Errors
 /// [`PlanFileError`] with the line: another header, a wrong number of cells, a cell that is not a finite number, a time that
 /// does not increase.
-pub fn read_force_log(path: &Path) -> Result<Vec<LogRow>, PlanFileError> {
+pub fn read_force_log(path: &Path) -> Result<Vec<ForceLogRow>, PlanFileError> {
     let table = read_numbers(path, &[&COLUMNS])?.1;
-    let mut rows: Vec<LogRow> = Vec::new();
+    let mut rows: Vec<ForceLogRow> = Vec::new();
     for (line, v) in table {
         if let Some(last) = rows.last().filter(|last| v[0] <= last.time_s) {
             let (found, expected) = (format!("the time {} s", v[0]), format!("later than {} s", last.time_s));
             return Err(PlanFileError::Row { path: path.into(), line, found, expected });
         }
-        rows.push(LogRow {
+        rows.push(ForceLogRow {
             time_s: v[0],
             position: Point::new(v[1], v[2], v[3]),
             axis: Vector3::new(v[4], v[5], v[6]),

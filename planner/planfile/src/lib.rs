@@ -38,7 +38,7 @@ pub use cutting_edges::read_cutting_edges;
 pub use directory::{PROSTHESIS_HEADER, Replace, StagedDirectory, is_prosthesis};
 pub use error::{MissingInput, PlanFileError};
 pub use files::{FILES, NOTES, copy_files};
-pub use force_log::{DrillLogRow, LogRow, read_drill_log, read_force_log};
+pub use force_log::{DrillLogRow, ForceLogRow, read_drill_log, read_force_log};
 pub use forces::{FORCES, ForceToward, read_forces, write_forces};
 pub use gaps::{Gap, least_gaps};
 pub use hash::Sha256;

@@ -14,7 +14,7 @@ use super::EngineError;
 
 /// The kind of a solid voxel, in the order of importance, the most important last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum VoxelKind {
     /// Bone outside the target that is no obstacle: a speck, or a thin sheet beside the target.
     Sheet,
     /// Target above air and below bone.
@@ -27,7 +27,7 @@ pub enum Kind {
     Structure,
 }
 
-impl Kind {
+impl VoxelKind {
     /// Every kind, in the order of their numbers.
     pub const ALL: [Self; 5] = [Self::Sheet, Self::Material, Self::Bone, Self::Obstacle, Self::Structure];
 
@@ -66,21 +66,21 @@ impl Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Amount {
     /// mm³ of each kind.
-    pub volume_mm3: [f64; Kind::ALL.len()],
+    pub volume_mm3: [f64; VoxelKind::ALL.len()],
     /// mg of each kind.
-    pub mass_mg: [f64; Kind::ALL.len()],
+    pub mass_mg: [f64; VoxelKind::ALL.len()],
 }
 
 impl Amount {
     /// Adds volume and mass of this kind.
-    pub fn add(&mut self, kind: Kind, volume_mm3: f64, mass_mg: f64) {
+    pub fn add(&mut self, kind: VoxelKind, volume_mm3: f64, mass_mg: f64) {
         self.volume_mm3[kind as usize] += volume_mm3;
         self.mass_mg[kind as usize] += mass_mg;
     }
 
     /// Adds another amount.
     pub fn merge(&mut self, other: &Self) {
-        for kind in Kind::ALL {
+        for kind in VoxelKind::ALL {
             self.add(kind, other.volume_mm3[kind as usize], other.mass_mg[kind as usize]);
         }
     }
@@ -102,7 +102,7 @@ pub(super) struct RowSum {
     pub density_g_cm3: f64,
     pub count: u16,
     /// The most important kind; `None` where nothing is solid.
-    pub kind: Option<Kind>,
+    pub kind: Option<VoxelKind>,
 }
 
 /// Densities and kinds on the grid, and obstacles beyond it.
@@ -185,7 +185,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
 
     /// Density and kind of the voxel nearest to a continuous index; `None` outside the grid and where it is not solid.
     #[inline]
-    pub(super) fn nearest(&self, index: &Vector3<f64>) -> Option<(f64, Kind)> {
+    pub(super) fn nearest(&self, index: &Vector3<f64>) -> Option<(f64, VoxelKind)> {
         let dims = self.grid().dims();
         let mut voxel = [0; 3];
         for a in 0..3 {
@@ -200,14 +200,14 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
 
     /// Density and kind of a voxel of the grid; `None` where it is not solid.
     #[inline]
-    pub(super) fn voxel(&self, voxel: [usize; 3]) -> Option<(f64, Kind)> {
+    pub(super) fn voxel(&self, voxel: [usize; 3]) -> Option<(f64, VoxelKind)> {
         let n = self.grid().index(voxel);
         solid(self.density_g_cm3.data()[n], self.class.map(|class| class.data()[n]))
     }
 
     /// Density and kind of the solid voxels among those of a row along x.
     #[inline]
-    pub(super) fn row(&self, x: Range<usize>, j: usize, k: usize) -> impl Iterator<Item = (f64, Kind)> {
+    pub(super) fn row(&self, x: Range<usize>, j: usize, k: usize) -> impl Iterator<Item = (f64, VoxelKind)> {
         let start = self.grid().index([0, j, k]);
         let run = start + x.start..start + x.end;
         let class = self.class.map(|class| &class.data()[run.clone()]);
@@ -239,7 +239,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         quads.iter().for_each(|quad| (0..4).for_each(|lane| add(lane, quad[lane])));
         rest.iter().enumerate().for_each(|(lane, &density)| add(lane, density));
         sum.density_g_cm3 = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
-        sum.kind = (sum.count > 0).then_some(Kind::Bone);
+        sum.kind = (sum.count > 0).then_some(VoxelKind::Bone);
         sum
     }
 
@@ -262,11 +262,11 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
 
 /// Density and kind of a voxel, if it is solid.
 #[inline]
-fn solid(density: impl Into<f64>, class: Option<Class>) -> Option<(f64, Kind)> {
+fn solid(density: impl Into<f64>, class: Option<Class>) -> Option<(f64, VoxelKind)> {
     let density = density.into();
     let kind = match class {
-        Some(class) => Kind::of(class),
-        None => (density > 0.0).then_some(Kind::Bone),
+        Some(class) => VoxelKind::of(class),
+        None => (density > 0.0).then_some(VoxelKind::Bone),
     };
     kind.map(|kind| (density, kind))
 }

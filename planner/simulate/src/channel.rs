@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::replay::{SimulateError, Simulation, SimulationRow};
-use super::{Amount, Kind, ShankContact};
+use super::{Amount, ShankContact, VoxelKind};
 
 /// What distances may be told too small, mm.
 const TOLERANCE_MM: f64 = 0.01;
@@ -61,11 +61,11 @@ pub fn simulate_channel(
     let contact = replay.holder_contact(&images.ct.volume, case.density.bone_hu, &samples[deepest]);
     let structures = replay.structures(&samples, &rows);
     let mut bone_only = Amount::default();
-    bone_only.add(Kind::Bone, removed.bone_mm3, removed.bone_mass_mg);
+    bone_only.add(VoxelKind::Bone, removed.bone_mm3, removed.bone_mass_mg);
     let mut by_rate = Amount::default();
     for pair in rows.windows(2) {
         let seconds = pair[1].0.time_s - pair[0].0.time_s;
-        by_rate.add(Kind::Bone, pair[1].0.mrr_mm3_s * seconds, pair[1].1);
+        by_rate.add(VoxelKind::Bone, pair[1].0.mrr_mm3_s * seconds, pair[1].1);
     }
     Ok(Simulation {
         rows: rows.into_iter().map(|(row, _)| row).collect(),
@@ -255,6 +255,6 @@ impl Replay<'_> {
         let found = holder.in_bone(ct, bone_hu)?;
         let at = self.scene.ct_from_work.inverse() * (pose.origin + out.as_ref() * found.along_mm);
         let (depth_mm, along_mm) = (found.deep_mm, found.along_mm);
-        Some(ShankContact { at, depth_mm, along_mm, kind: Kind::Obstacle })
+        Some(ShankContact { at, depth_mm, along_mm, kind: VoxelKind::Obstacle })
     }
 }

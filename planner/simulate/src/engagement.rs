@@ -14,7 +14,7 @@ use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool};
 use bonemill_geometry::basis;
 use nalgebra::{Matrix3, Unit, Vector3};
 
-use super::bone::{Amount, Kind};
+use super::bone::{Amount, VoxelKind};
 
 /// The nodes of a tool.
 #[derive(Debug, Clone)]
@@ -33,7 +33,7 @@ pub(super) trait Surroundings {
 
     /// In one direction: the density of the remaining bone, the kind of the voxel there (`None` beyond a body's face, where the
     /// interpolated density is not yet 0), and the share of the node's patch in which bone remains.
-    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>;
+    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<VoxelKind>, f64)>;
 }
 
 /// The bone that a burr meets at one pose and feed direction.
@@ -177,7 +177,7 @@ impl BurrNodes {
                     // volume ends at the body's face, mass where the interpolated density ends
                     let volume = if kind.is_some() { rate } else { 0.0 };
                     out.mrr_mm2 += volume;
-                    out.by_kind_per_mm.add(kind.unwrap_or(Kind::Material), volume, rate * density);
+                    out.by_kind_per_mm.add(kind.unwrap_or(VoxelKind::Material), volume, rate * density);
                 }
             }
             if found {

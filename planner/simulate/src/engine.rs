@@ -15,7 +15,7 @@ use bonemill_geometry::{Point, Work, cancel};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
-use super::bone::{Amount, Bone, Kind};
+use super::bone::{Amount, Bone, VoxelKind};
 use super::engagement::{BurrNodes, Engagement, Surroundings};
 use super::error::EngineError;
 use super::lattice::Lattice;
@@ -109,7 +109,7 @@ impl Step {
 
     fn of(met: &Engagement, force: CutForce, length_mm: f64) -> Self {
         let mut removed = Amount::default();
-        for kind in Kind::ALL {
+        for kind in VoxelKind::ALL {
             let [volume, mass] =
                 [&met.by_kind_per_mm.volume_mm3, &met.by_kind_per_mm.mass_mg].map(|a| a[kind as usize]);
             removed.add(kind, volume * length_mm, mass * length_mm);
@@ -437,7 +437,7 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
     }
 
     #[inline]
-    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)> {
+    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<VoxelKind>, f64)> {
         if normal.dot(&self.way) <= 0.0 {
             return None;
         }

@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use bonemill_geometry::{Point, Work, trilinear};
 use nalgebra::Vector3;
 
-use super::bone::{Amount, Bone, Kind};
+use super::bone::{Amount, Bone, VoxelKind};
 use super::error::EngineError;
 
 /// Side of a brick, cells.
@@ -75,7 +75,7 @@ pub(super) struct Held {
     /// Number of its solid parts, each of [`Lattice::part_mm3`].
     pub parts: u16,
     /// The most important kind among them; `None` where nothing is solid.
-    pub kind: Option<Kind>,
+    pub kind: Option<VoxelKind>,
 }
 
 /// The state of the bone.

@@ -35,7 +35,7 @@ mod tests;
 mod trail;
 mod uncut;
 
-pub use bone::{Amount, Bone, Kind};
+pub use bone::{Amount, Bone, VoxelKind};
 pub use carve::Piece;
 pub use channel::simulate_channel;
 pub use engagement::{BurrNodes, Engagement};

@@ -1,7 +1,7 @@
 //! Replays a force log in the engine and computes the model's force for every row, for a calibration.
 
 use bonemill_cutting::calibrate::Observation;
-use bonemill_planfile::LogRow;
+use bonemill_planfile::ForceLogRow;
 use nalgebra::Vector3;
 
 use super::replay::{SimulateError, SimulationSetup};
@@ -16,9 +16,9 @@ use super::{Engine, FlutedBurr, Move, Pose, force_per_coefficient};
 ///
 /// # Errors
 /// [`SimulateError::Engine`] for an invalid pose.
-pub fn observe(setup: &SimulationSetup, rows: &[LogRow]) -> Result<Vec<Observation>, SimulateError> {
+pub fn observe(setup: &SimulationSetup, rows: &[ForceLogRow]) -> Result<Vec<Observation>, SimulateError> {
     let work_from_ct = setup.scene.ct_from_work.inverse();
-    let pose = |row: &LogRow| Pose::new(work_from_ct * row.position, work_from_ct.rotate(&row.axis));
+    let pose = |row: &ForceLogRow| Pose::new(work_from_ct * row.position, work_from_ct.rotate(&row.axis));
     let mut spec = setup.spec.clone();
     // an edge coefficient above 0, so that the edge's directions are summed for every case
     let t0_mm = spec.material.t0_mm();

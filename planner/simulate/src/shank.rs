@@ -11,7 +11,7 @@ use bonemill_cutting::stock::sweep::segment_distance_squared;
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 
-use super::bone::Kind;
+use super::bone::VoxelKind;
 use super::lattice::{Brick, Lattice, SIDE, tag};
 
 /// The shank touches bone.
@@ -24,7 +24,7 @@ pub struct ShankContact {
     /// Distance from the burr's centre along the shaft, mm.
     pub along_mm: f64,
     /// The kind of voxel touched there.
-    pub kind: Kind,
+    pub kind: VoxelKind,
 }
 
 /// The deepest contact of a cylinder of the shank, or the distance to the nearest solid cell.
@@ -197,7 +197,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         }
     }
 
-    fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<Kind> {
+    fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<VoxelKind> {
         let [x, y, z] = cell.map(|c| c % SIDE);
         let known = stored.and_then(|brick| brick.held[x + SIDE * (y + SIDE * z)]);
         known.unwrap_or_else(|| self.held(cell)).kind
@@ -239,7 +239,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             let is_in_whole = (whole.from_mm + inside_mm..=whole.to_mm - inside_mm).contains(&along_mm);
             let is_deepest = depth_mm > 0.0 && view.contact.is_none_or(|c| c.depth_mm < depth_mm);
             if is_in_piece && is_in_whole && is_deepest && is_beyond(at) {
-                view.contact = Some(ShankContact { at, depth_mm, along_mm, kind: Kind::Obstacle });
+                view.contact = Some(ShankContact { at, depth_mm, along_mm, kind: VoxelKind::Obstacle });
             }
         }
     }

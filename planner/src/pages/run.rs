@@ -47,7 +47,7 @@ pub enum RunError {
 
 /// One logged step on the plan.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Executed {
+pub struct ExecutedStep {
     /// Since the log began, s.
     pub time_s: f64,
     /// The newest target's place, in rows.
@@ -76,7 +76,7 @@ pub struct Executed {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunComparison {
     /// Steps on the plan.
-    pub steps: Vec<Executed>,
+    pub steps: Vec<ExecutedStep>,
     /// What happened, and when, s.
     pub events: Vec<(f64, String)>,
     /// Rows of the plan.
@@ -111,7 +111,7 @@ impl RunComparison {
             return Err(RunError::NothingExecuted { said: log.events.last().map(|(_, said)| said.clone()) });
         };
         let planned = Planned::new(plan);
-        let steps: Vec<Executed> = logged.par_iter().filter_map(|step| planned.beside(step)).collect();
+        let steps: Vec<ExecutedStep> = logged.par_iter().filter_map(|step| planned.beside(step)).collect();
         let least = steps.iter().zip(&logged).filter_map(|(s, step)| Some((s.room_mm?, step.row)));
         let least = least.min_by(|a, b| a.0.total_cmp(&b.0));
         let reached_row = logged.iter().map(|s| s.reached_row).fold(0.0, f64::max);
@@ -130,8 +130,9 @@ impl RunComparison {
 
     /// Names and values of what was found; names end in units.
     pub fn figures(&self) -> Vec<(String, Value)> {
-        let spread =
-            |value: &dyn Fn(&Executed) -> Option<f64>| spread(self.steps.iter().filter_map(value).collect());
+        let spread = |value: &dyn Fn(&ExecutedStep) -> Option<f64>| {
+            spread(self.steps.iter().filter_map(value).collect())
+        };
         let periods = self.steps.windows(2).map(|pair| 1e3 * (pair[1].time_s - pair[0].time_s)).collect();
         let mut figures = vec![
             ("rows".to_owned(), self.rows.into()),
@@ -200,7 +201,7 @@ impl<'a> Planned<'a> {
         structure.map_or_else(String::new, |s| s.name.clone())
     }
 
-    fn beside(&self, step: &LogRow) -> Option<Executed> {
+    fn beside(&self, step: &LogRow) -> Option<ExecutedStep> {
         let (burr, axis) = tool(self.plan, &step.actual?);
         let newest = step.row as usize;
         let first = newest.saturating_sub(WINDOW[0]);
@@ -215,7 +216,7 @@ impl<'a> Planned<'a> {
         let planned = self.plan.waypoints.get(waypoint)?;
         let measured = step.force_n.map(Vector3::from);
         let toward = self.toward(waypoint);
-        Some(Executed {
+        Some(ExecutedStep {
             time_s: step.time_s,
             row: step.row,
             off_mm,

@@ -1,7 +1,7 @@
 //! A stored plan's values as streaming takes them: joints, the room to structures at each waypoint, forces and hold points in the
 //! arm's base.
 
-use bonemill_robot::stream::{Hold, Near, Standing, StreamInput, StructureKept, WaypointNear};
+use bonemill_robot::stream::{HoldPlace, Near, Standing, StreamInput, StructureKept, WaypointNear};
 
 use bonemill_planfile::{HoldPoint, PlanFileError, Sha256, StoredPlan, Waypoint, hold_points, verified};
 
@@ -17,7 +17,7 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
     };
     let digest = Sha256::of_file(&stored.dir.join("trajectory.csv"))?;
     let name = |structure: usize| case.structures.get(structure).map_or("a structure", |s| &s.name);
-    let hold = |hold: HoldPoint| Hold {
+    let hold = |hold: HoldPoint| HoldPlace {
         row: hold.row,
         why: format!("{} mm from {}", hold.distance_mm, name(hold.structure)),
     };

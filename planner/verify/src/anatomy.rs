@@ -32,7 +32,7 @@ pub struct Kept {
 
 /// What is to be removed.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Aim {
+pub enum WantedTarget {
     /// Every voxel of a label.
     Label(u16),
     /// Bone and enclosed air in a shape.
@@ -41,9 +41,9 @@ pub enum Aim {
 
 /// A label or a shape that belongs to the target besides, or is taken away from it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Region {
+pub struct WantedRegion {
     /// The label or shape.
-    pub aim: Aim,
+    pub aim: WantedTarget,
     /// By how much it is larger, mm.
     pub margin_mm: f64,
 }
@@ -56,11 +56,11 @@ pub struct Anatomy {
     /// Labels on their own grid.
     pub labels: Volume<u16, Ct>,
     /// What is to be removed.
-    pub aim: Aim,
+    pub aim: WantedTarget,
     /// What is to be removed besides.
-    pub also: Vec<Region>,
+    pub also: Vec<WantedRegion>,
     /// What is taken away from all that.
-    pub less: Vec<Region>,
+    pub less: Vec<WantedRegion>,
     /// What is to be kept, in the case's order.
     pub kept: Vec<Kept>,
 }
@@ -80,14 +80,14 @@ impl Anatomy {
         let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
         let (ct, labels) = (ct?, labels?);
         let number = |label: &LabelRef| number(label, names.as_ref());
-        let aim = |target: &Target| -> Result<Aim, VerifyError> {
+        let aim = |target: &Target| -> Result<WantedTarget, VerifyError> {
             Ok(match target {
-                Target::Label(label) => Aim::Label(number(label)?),
-                shape => Aim::Shape(shape.clone()),
+                Target::Label(label) => WantedTarget::Label(number(label)?),
+                shape => WantedTarget::Shape(shape.clone()),
             })
         };
-        let regions = |of: &[TargetRegion]| -> Result<Vec<Region>, VerifyError> {
-            of.iter().map(|r| Ok(Region { aim: aim(&r.of)?, margin_mm: r.margin_mm })).collect()
+        let regions = |of: &[TargetRegion]| -> Result<Vec<WantedRegion>, VerifyError> {
+            of.iter().map(|r| Ok(WantedRegion { aim: aim(&r.of)?, margin_mm: r.margin_mm })).collect()
         };
         let (also, less, aim) = (regions(&case.also)?, regions(&case.less)?, aim(&case.target)?);
         let kept = case.structures.iter().map(|s| {
@@ -141,10 +141,15 @@ impl Anatomy {
     }
 
     /// The box of a label's voxel boxes or of a shape, larger by a margin.
-    fn box_of(&self, aim: &Aim, margin_mm: f64, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
+    fn box_of(
+        &self,
+        aim: &WantedTarget,
+        margin_mm: f64,
+        grid_from_ct: &Rigid<Work, Ct>,
+    ) -> Option<[Vector3<f64>; 2]> {
         let mut found = BoxExtent::default();
         match aim {
-            Aim::Label(label) => {
+            WantedTarget::Label(label) => {
                 let grid = self.labels.grid();
                 for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {
                     found.hold((*grid_from_ct * grid.center(grid.voxel(n))).coords);
@@ -153,7 +158,7 @@ impl Anatomy {
                 let half = turn.abs() * grid.spacing_mm() * 0.5;
                 found.grown(&half.add_scalar(margin_mm))
             }
-            Aim::Shape(shape) => {
+            WantedTarget::Shape(shape) => {
                 for (center, half) in parts(&resized(shape, margin_mm), grid_from_ct) {
                     let center = (*grid_from_ct * Point::from_coords(center)).coords;
                     found.hold(center - half);

@@ -10,7 +10,7 @@ use bonemill_geometry::{Base, Ct, Grid, Point, Rigid};
 use bonemill_planfile::PlanRecord;
 use nalgebra::{Matrix3, Vector3};
 
-use super::anatomy::{Aim, Anatomy};
+use super::anatomy::{Anatomy, WantedTarget};
 use super::boxes::Boxes;
 use super::check::Check;
 
@@ -46,17 +46,19 @@ fn is_beyond(scan: &Grid<Ct>, point_mm: &[f64; 3]) -> bool {
 /// The middle of the target.
 fn target_middle(anatomy: &Anatomy) -> Option<Point<Ct>> {
     match &anatomy.aim {
-        Aim::Label(label) => {
+        WantedTarget::Label(label) => {
             let grid = anatomy.labels.grid();
             let numbered = anatomy.labels.data().iter().enumerate().filter(|(_, found)| *found == label);
             let centers = numbered.map(|(n, _)| grid.center(grid.voxel(n)).coords);
             let (sum, count) = centers.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p, n + 1.0));
             (count > 0.0).then(|| Point::from_coords(sum / count))
         }
-        Aim::Shape(Target::Label(_) | Target::Swept) => None,
-        Aim::Shape(Target::Box { min_mm, max_mm }) => Some(Point::from_coords((min_mm + max_mm) * 0.5)),
-        Aim::Shape(Target::Ball { center_mm, .. }) => Some(Point::from_coords(*center_mm)),
-        Aim::Shape(Target::Frustum { from_mm, to_mm, .. }) => {
+        WantedTarget::Shape(Target::Label(_) | Target::Swept) => None,
+        WantedTarget::Shape(Target::Box { min_mm, max_mm }) => {
+            Some(Point::from_coords((min_mm + max_mm) * 0.5))
+        }
+        WantedTarget::Shape(Target::Ball { center_mm, .. }) => Some(Point::from_coords(*center_mm)),
+        WantedTarget::Shape(Target::Frustum { from_mm, to_mm, .. }) => {
             Some(Point::from_coords((from_mm + to_mm) * 0.5))
         }
     }

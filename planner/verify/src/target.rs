@@ -7,7 +7,7 @@
 use bonemill_case::Target;
 use bonemill_geometry::{Ct, Point};
 
-use super::anatomy::{Aim, Anatomy, Region, resized, shape_holds};
+use super::anatomy::{Anatomy, WantedRegion, WantedTarget, resized, shape_holds};
 use super::boxes::Boxes;
 use super::voxels::{DOUBT_MM, Doubtful};
 
@@ -24,13 +24,13 @@ enum Extent<'a> {
 }
 
 impl<'a> Extent<'a> {
-    fn new(region: &Region, anatomy: &'a Anatomy) -> Self {
+    fn new(region: &WantedRegion, anatomy: &'a Anatomy) -> Self {
         match &region.aim {
-            Aim::Label(label) => {
+            WantedTarget::Label(label) => {
                 let around = (region.margin_mm > 0.0).then(|| Boxes::new(&anatomy.labels, *label)).flatten();
                 Self::Label(*label, around.map(|boxes| (boxes, region.margin_mm)))
             }
-            Aim::Shape(shape) => {
+            WantedTarget::Shape(shape) => {
                 let at = |doubt_mm: f64| resized(shape, region.margin_mm + doubt_mm);
                 Self::Shape(Box::new(Doubtful { surely: at(-DOUBT_MM), possibly: at(DOUBT_MM) }))
             }
@@ -71,7 +71,7 @@ pub struct TargetRule<'a> {
 impl<'a> TargetRule<'a> {
     /// Of a case's target; `boxes` are the structures'.
     pub fn new(anatomy: &'a Anatomy, boxes: &'a [Option<Boxes<'a>>]) -> Self {
-        let main = Region { aim: anatomy.aim.clone(), margin_mm: 0.0 };
+        let main = WantedRegion { aim: anatomy.aim.clone(), margin_mm: 0.0 };
         let parts = [&main].into_iter().chain(&anatomy.also).map(|part| Extent::new(part, anatomy)).collect();
         let less = anatomy.less.iter().map(|part| Extent::new(part, anatomy)).collect();
         let near = anatomy.kept.iter().zip(boxes).filter(|(kept, _)| kept.clearance_mm > 0.0);

@@ -16,7 +16,7 @@
 use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 
-use crate::machining::Tool;
+use crate::machining::EndMill;
 use crate::machining::envelope::Facet;
 use crate::machining::raster::NONE;
 
@@ -64,7 +64,7 @@ pub struct DropCutter {
 
 impl DropCutter {
     /// Over facets as the tool sees them (u, v, w). Only facets that face the tool count: the others lie below them on a closed part.
-    pub fn new(facets: &[Facet], tool: &Tool) -> Self {
+    pub fn new(facets: &[Facet], tool: &EndMill) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [NONE; 2]);
         for p in facets.iter().flatten() {
             for axis in 0..2 {

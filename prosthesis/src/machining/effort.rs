@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 
 use crate::machining::MachiningError;
-use crate::machining::job::Job;
+use crate::machining::job::MachiningJob;
 use crate::machining::part::Part;
 use crate::machining::sides::STEP_SHARE;
 use crate::machining::surface::apart_mm;
@@ -19,7 +19,7 @@ const MOST_CELLS: f64 = 3e9;
 ///
 /// # Errors
 /// [`MachiningError::TooMuch`].
-pub(crate) fn check(part: &Part, job: &Job) -> Result<(), MachiningError> {
+pub(crate) fn check(part: &Part, job: &MachiningJob) -> Result<(), MachiningError> {
     let (raster, tool, envelope) = (&part.raster, &job.tool, &part.envelope);
     let cell_mm2 = raster.pitch_mm * raster.pitch_mm;
     let block_mm = job.block.high_mm.y - job.block.low_mm.y;

@@ -39,7 +39,7 @@ pub struct HolderSegment {
 
 /// A cutter: flat (corner radius 0), ball (corner radius = radius) or bull-nose, and what is above it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tool {
+pub struct EndMill {
     /// Radius, mm.
     pub radius_mm: f64,
     /// Radius of the corner between end and side, mm.
@@ -54,18 +54,18 @@ pub struct Tool {
 
 /// Block, tool, process and machine.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Job {
+pub struct MachiningJob {
     /// What is cut.
     pub block: Block,
     /// What cuts.
-    pub tool: Tool,
+    pub tool: EndMill,
     /// How.
     pub process: ProcessSpec,
     /// What moves it.
     pub machine: MachineSpec,
 }
 
-impl Tool {
+impl EndMill {
     /// Height of the cutter's surface above its tip at a distance from the axis, mm; `None` beyond the radius.
     pub fn profile_mm(&self, distance_mm: f64) -> Option<f64> {
         if distance_mm > self.radius_mm {
@@ -85,7 +85,7 @@ impl Tool {
     }
 }
 
-impl Job {
+impl MachiningJob {
     /// Feed of the process = feed per tooth · teeth · spindle speed, mm/min. **Source:** Castelli et al. 2020, equation 1.
     pub fn teeth_feed_mm_min(&self) -> f64 {
         self.process.feed_per_tooth_mm * f64::from(self.tool.flutes) * self.process.spindle_rpm

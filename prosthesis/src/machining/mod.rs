@@ -38,8 +38,8 @@ pub mod trajectory;
 mod zigzag;
 
 pub use error::MachiningError;
-pub use job::{Block, HolderSegment, Job, Tool};
-pub use moves::{Facing, Kind, Move, Side};
+pub use job::{Block, EndMill, HolderSegment, MachiningJob};
+pub use moves::{Facing, Kind, Side, TipMove};
 pub use plan::{Machining, Warning, assess, plan, plan_zigzag};
 pub use reach::shift_to_reach_mm;
 pub use zigzag::ZigZag;

@@ -30,7 +30,7 @@ pub enum Kind {
 
 /// A straight move of the tip from where the move before ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Move {
+pub struct TipMove {
     /// Side.
     pub side: Side,
     /// Kind.

@@ -7,22 +7,22 @@
 use nalgebra::Vector3;
 
 use crate::machining::envelope::Envelope;
-use crate::machining::job::Job;
+use crate::machining::job::MachiningJob;
 use crate::machining::leftover::{self, Leftover, Reason};
 use crate::machining::moves::Facing;
-use crate::machining::raster::{NONE, Raster};
+use crate::machining::raster::{CellGrid, NONE};
 use crate::machining::reach::THROUGH_MM;
-use crate::machining::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
+use crate::machining::silhouette::{Loop, NearestPoints, Silhouette, area_mm2, sampled};
 use crate::machining::strip::{Strip, Tab, outline_force_n};
 
 /// The part over a raster, with the strip around it; seen from the front.
 pub(crate) struct Part {
-    pub raster: Raster,
+    pub raster: CellGrid,
     pub envelope: Envelope,
     pub silhouette: Silhouette,
     pub strip: Strip,
     tab: Tab,
-    nearest: Nearest,
+    nearest: NearestPoints,
     /// Distance to the outer outline, mm, below 0 inside; holes count as inside.
     pub outside_mm: Vec<f64>,
     /// Cells of the block that the contour would cut off from the grip.
@@ -35,12 +35,12 @@ pub(crate) struct Part {
 const HOLDS_MM: f64 = 0.5;
 
 impl Part {
-    pub fn with(raster: Raster, envelope: Envelope, silhouette: Silhouette, job: &Job) -> Self {
+    pub fn with(raster: CellGrid, envelope: Envelope, silhouette: Silhouette, job: &MachiningJob) -> Self {
         let strip = Strip::along(&raster, &envelope, &silhouette, job.process.strip_mm);
-        let nearest = Nearest::of(&raster, &strip.points);
+        let nearest = NearestPoints::of(&raster, &strip.points);
         let outer = silhouette.loops().filter(|l| area_mm2(l) > 0.0);
         let outer: Vec<[f64; 2]> = outer.flat_map(|l| sampled(l, 0.5 * raster.pitch_mm)).collect();
-        let mut outside_mm = Nearest::of(&raster, &outer).distance_mm;
+        let mut outside_mm = NearestPoints::of(&raster, &outer).distance_mm;
         let open = reached_from_the_edge(&raster, |cell| !envelope.holds(cell));
         outside_mm.iter_mut().zip(&open).filter(|(_, open)| !**open).for_each(|(d, _)| *d = -*d);
         let tab = strip.tab(outline_force_n(job), job.process.strip_mm);
@@ -90,7 +90,7 @@ impl Part {
     }
 
     /// The box around the tab and what the cutter leaves beside it, block's frame, mm.
-    pub fn tab_box(&self, job: &Job) -> [Vector3<f64>; 2] {
+    pub fn tab_box(&self, job: &MachiningJob) -> [Vector3<f64>; 2] {
         let beside = 0.5 * self.tab.length_mm + job.tool.diameter_mm();
         let (low, high) = (job.block.low_mm, job.block.high_mm);
         let z = -self.tab.at[1];
@@ -101,7 +101,7 @@ impl Part {
     }
 
     /// Stock beside the part's outlines that no place of the axis reaches: in corners that are sharper than the cutter is round.
-    pub fn corners(&self, job: &Job) -> Vec<Leftover> {
+    pub fn corners(&self, job: &MachiningJob) -> Vec<Leftover> {
         let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
         let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
         let is_edge = |cell: &usize| {
@@ -115,7 +115,7 @@ impl Part {
             [0, 1].map(|n| at[n] + share * (outline[n] - at[n]))
         };
         let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
-        let reached = Nearest::of(raster, &edge);
+        let reached = NearestPoints::of(raster, &edge);
         // a place counts where it is clearly out of reach, and then as far as it is at all: along an outline the touching places are a cell apart
         let [beyond_mm, clearly_mm] = [0.05, 0.25].map(|cells| radius_mm + cells * raster.pitch_mm);
         let rim = |cell: usize| self.strip.rims.get(self.nearest.point[cell] as usize).copied();
@@ -151,7 +151,7 @@ impl Part {
 }
 
 /// Cells of the block, seen from the front, that no frame beside the channel connects to the grip.
-fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
+fn loose(raster: &CellGrid, outside_mm: &[f64], job: &MachiningJob) -> Vec<bool> {
     let block = &job.block;
     let grip_v = -(block.low_mm.z + block.grip_mm);
     let in_block = |cell: usize| {
@@ -192,14 +192,14 @@ fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
 }
 
 /// Distance to the part or to what is loose, whichever is nearer; loose cells count only as far as the cutter stays off the grip.
-fn milled_mm(raster: &Raster, outside_mm: &[f64], loose: &[bool], job: &Job) -> Vec<f64> {
+fn milled_mm(raster: &CellGrid, outside_mm: &[f64], loose: &[bool], job: &MachiningJob) -> Vec<f64> {
     let points: Vec<[f64; 2]> =
         (0..raster.len()).filter(|cell| loose[*cell]).map(|cell| raster.centre_of(cell)).collect();
     if points.is_empty() {
         return outside_mm.to_vec();
     }
     let lowest_v = -(job.block.low_mm.z + job.block.grip_mm + job.tool.radius_mm + THROUGH_MM);
-    let loose_mm = Nearest::of(raster, &points).distance_mm;
+    let loose_mm = NearestPoints::of(raster, &points).distance_mm;
     let nearer = |cell: usize| {
         let (outside, loose) = (outside_mm[cell], loose_mm[cell]);
         if raster.centre_of(cell)[1] > lowest_v {
@@ -215,7 +215,7 @@ fn milled_mm(raster: &Raster, outside_mm: &[f64], loose: &[bool], job: &Job) -> 
 }
 
 /// Cells that are connected to the raster's edge through cells that are `open`.
-fn reached_from_the_edge(raster: &Raster, open: impl Fn(usize) -> bool) -> Vec<bool> {
+fn reached_from_the_edge(raster: &CellGrid, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let [nu, nv] = raster.dims;
     let on_edge =
         |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use crate::machining::stock::Place;
+use crate::machining::stock::TipPoint;
 
 /// How far a chord may leave its pass: across, below and above, mm.
 const CHORD_MM: f64 = 0.004;
@@ -14,14 +14,14 @@ pub type Height<'a> = &'a (dyn Fn([f64; 2]) -> f64 + Sync);
 
 /// A line of places of the tip, seen from one side.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pass {
+pub struct TipPass {
     /// Places, mm, about `Passes::step_mm` apart.
-    pub places: Vec<Place>,
+    pub places: Vec<TipPoint>,
     /// Whether the last is followed by the first.
     pub closed: bool,
 }
 
-impl Pass {
+impl TipPass {
     /// Places along a loop, at heights that `height` gives; +∞ where the tip must not be.
     pub fn along(outline: &[[f64; 2]], step_mm: f64, height: impl Fn([f64; 2]) -> f64 + Sync) -> Self {
         let points = crate::machining::silhouette::sampled(outline, step_mm);
@@ -42,7 +42,7 @@ impl Pass {
         }
     }
 
-    pub(crate) fn next(&self, n: usize) -> Place {
+    pub(crate) fn next(&self, n: usize) -> TipPoint {
         self.places[(n + 1) % self.places.len()]
     }
 
@@ -52,25 +52,25 @@ impl Pass {
         (across.sum::<f64>() / self.places.len().max(1) as f64).max(1e-3)
     }
 
-    pub(crate) fn nearest(&self, to: Place) -> usize {
+    pub(crate) fn nearest(&self, to: TipPoint) -> usize {
         let places = self.places.iter().enumerate();
         places.min_by(|a, b| across_mm(a.1, &to).total_cmp(&across_mm(b.1, &to))).map_or(0, |(n, _)| n)
     }
 
     /// Where it ends that begins at its first place.
-    pub(crate) fn end(&self) -> Option<Place> {
+    pub(crate) fn end(&self) -> Option<TipPoint> {
         if self.closed { self.places.first() } else { self.places.last() }.copied()
     }
 
     /// To where it begins, across, mm: a closed pass begins anywhere.
-    pub(crate) fn distance_mm(&self, at: Place) -> f64 {
+    pub(crate) fn distance_mm(&self, at: TipPoint) -> f64 {
         let start = if self.closed { self.nearest(at) } else { 0 };
         self.places.get(start).map_or(0.0, |p| across_mm(p, &at))
     }
 
     /// Those of its places that are more than a distance apart, across.
-    pub(crate) fn sparse(&self, distance_mm: f64) -> Vec<Place> {
-        let mut kept: Vec<Place> = self.places.iter().take(1).copied().collect();
+    pub(crate) fn sparse(&self, distance_mm: f64) -> Vec<TipPoint> {
+        let mut kept: Vec<TipPoint> = self.places.iter().take(1).copied().collect();
         for p in &self.places {
             if kept.last().is_some_and(|last| across_mm(p, last) > distance_mm) {
                 kept.push(*p);
@@ -80,7 +80,7 @@ impl Pass {
     }
 
     /// The closed pass from another of its places on.
-    pub(crate) fn from(&self, start: usize) -> Vec<Place> {
+    pub(crate) fn from(&self, start: usize) -> Vec<TipPoint> {
         let (head, tail) = self.places.split_at(start.min(self.places.len()));
         [tail, head].concat()
     }
@@ -107,10 +107,10 @@ impl Pass {
     }
 
     /// The stretches that are driven.
-    pub(crate) fn runs(&self, driven: &[bool]) -> Vec<Vec<Place>> {
+    pub(crate) fn runs(&self, driven: &[bool]) -> Vec<Vec<TipPoint>> {
         // begin in a gap, so that no run goes around the end
         let start = if self.closed { driven.iter().position(|d| !d).unwrap_or(0) } else { 0 };
-        let places: Vec<(bool, Place)> = driven.iter().copied().zip(self.places.iter().copied()).collect();
+        let places: Vec<(bool, TipPoint)> = driven.iter().copied().zip(self.places.iter().copied()).collect();
         let (head, tail) = places.split_at(start);
         let around = [tail, head].concat();
         let runs = around.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0);
@@ -119,13 +119,13 @@ impl Pass {
 }
 
 /// Distance of two places across the cutter's axis, mm.
-pub(crate) fn across_mm(a: &Place, b: &Place) -> f64 {
+pub(crate) fn across_mm(a: &TipPoint, b: &TipPoint) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// The fewest of the places whose chords stay within `CHORD_MM` of those left out.
-pub(crate) fn simplified(places: &[Place]) -> Vec<Place> {
-    let mut kept: Vec<Place> = places.first().copied().into_iter().collect();
+pub(crate) fn simplified(places: &[TipPoint]) -> Vec<TipPoint> {
+    let mut kept: Vec<TipPoint> = places.first().copied().into_iter().collect();
     let mut start = 0;
     while start + 1 < places.len() {
         let (mut end, mut step) = (start + 1, 1);
@@ -146,11 +146,11 @@ pub(crate) fn simplified(places: &[Place]) -> Vec<Place> {
     kept
 }
 
-fn holds(places: &[Place]) -> bool {
+fn holds(places: &[TipPoint]) -> bool {
     let [a, between @ .., b] = places else { return true };
     let (du, dv) = (b[0] - a[0], b[1] - a[1]);
     let length2 = du * du + dv * dv;
-    let near = |p: &Place| {
+    let near = |p: &TipPoint| {
         let part = if length2 > 0.0 { ((p[0] - a[0]) * du + (p[1] - a[1]) * dv) / length2 } else { 0.0 };
         let off2 = (p[0] - a[0] - part * du).powi(2) + (p[1] - a[1] - part * dv).powi(2);
         let w = a[2] + part * (b[2] - a[2]);
@@ -160,13 +160,13 @@ fn holds(places: &[Place]) -> bool {
 }
 
 /// Whole micrometres; heights up.
-pub(crate) fn rounded([u, v, w]: Place) -> Place {
+pub(crate) fn rounded([u, v, w]: TipPoint) -> TipPoint {
     let up = (w * 1000.0 - 1e-6).ceil() / 1000.0;
     [(u * 1000.0).round() / 1000.0, (v * 1000.0).round() / 1000.0, up]
 }
 
 /// Keeps places at which a straight line between neighbours would leave `height` by more than 0.003 mm, by halving.
-pub(crate) fn refined(pass: Pass, height: impl Fn([f64; 2]) -> f64 + Sync) -> Pass {
+pub(crate) fn refined(pass: TipPass, height: impl Fn([f64; 2]) -> f64 + Sync) -> TipPass {
     let count = pass.places.len();
     let from = |n: usize| {
         let mut places = vec![pass.places[n]];
@@ -175,13 +175,19 @@ pub(crate) fn refined(pass: Pass, height: impl Fn([f64; 2]) -> f64 + Sync) -> Pa
         }
         places
     };
-    Pass {
+    TipPass {
         places: (0..count).into_par_iter().with_min_len(16).flat_map_iter(from).collect(),
         closed: pass.closed,
     }
 }
 
-fn halve(a: Place, b: Place, height: &impl Fn([f64; 2]) -> f64, depth: usize, into: &mut Vec<Place>) {
+fn halve(
+    a: TipPoint,
+    b: TipPoint,
+    height: &impl Fn([f64; 2]) -> f64,
+    depth: usize,
+    into: &mut Vec<TipPoint>,
+) {
     let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
     let w = height(middle);
     let off = w - 0.5 * (a[2] + b[2]);
@@ -198,9 +204,9 @@ fn halve(a: Place, b: Place, height: &impl Fn([f64; 2]) -> f64, depth: usize, in
 mod tests {
     use super::*;
 
-    fn pass(heights: &[f64], closed: bool) -> Pass {
+    fn pass(heights: &[f64], closed: bool) -> TipPass {
         let places = heights.iter().enumerate().map(|(n, w)| [n as f64, 0.0, *w]);
-        Pass { places: places.collect(), closed }
+        TipPass { places: places.collect(), closed }
     }
 
     #[test]

@@ -2,17 +2,17 @@
 //!
 //! A pass is a line of places of the tip. Where it would take nothing from the stock it is left out; the runs between are joined by links over the stock
 //! as it then is. A closed pass that cuts everywhere is entered on a slant from the pass before it, or by a ramp along itself. A cut that would be
-//! wider than the process allows is first taken in shallower steps ([`crate::machining::Job::entry_mm`]).
+//! wider than the process allows is first taken in shallower steps ([`crate::machining::MachiningJob::entry_mm`]).
 //!
 //! Invariant: the tip is never below the height that the pass gives. Coordinates are whole micrometres, heights rounded up.
 
 use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
-use crate::machining::Job;
-use crate::machining::moves::{Facing, Kind, Move, Side};
-use crate::machining::pass::{Height, Pass, rounded, simplified};
-use crate::machining::stock::{Place, Stock, steps};
+use crate::machining::MachiningJob;
+use crate::machining::moves::{Facing, Kind, Side, TipMove};
+use crate::machining::pass::{Height, TipPass, rounded, simplified};
+use crate::machining::stock::{Stock, TipPoint, steps};
 
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
 const ENTRY_SHARE: f64 = 0.95;
@@ -43,7 +43,7 @@ pub(crate) struct Sliver {
 
 /// Lays moves from one side.
 pub struct Passes<'a> {
-    pub(crate) job: &'a Job,
+    pub(crate) job: &'a MachiningJob,
     pub(crate) facing: Facing,
     pub(crate) side: Side,
     pub(crate) stock: Stock,
@@ -55,16 +55,22 @@ pub struct Passes<'a> {
     grown_mm: f64,
     /// Stock that is not worth a cut.
     pub(crate) left_alone: Option<Sliver>,
-    at: Option<Place>,
+    at: Option<TipPoint>,
     /// Whether the last move cut.
     cutting: bool,
-    moves: Vec<Move>,
+    moves: Vec<TipMove>,
 }
 
 impl<'a> Passes<'a> {
     /// On the stock as the side sees it.
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
-    pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
+    pub fn new(
+        job: &'a MachiningJob,
+        facing: Facing,
+        side: Side,
+        stock: Stock,
+        at: Option<TipPoint>,
+    ) -> Self {
         let counts = vec![true; stock.centres.top.len()];
         Self {
             job,
@@ -82,7 +88,7 @@ impl<'a> Passes<'a> {
     }
 
     /// The moves, after a retract to a height from which the block can be turned, and the stock that is left.
-    pub fn finished(mut self) -> (Vec<Move>, Option<Place>, Stock) {
+    pub fn finished(mut self) -> (Vec<TipMove>, Option<TipPoint>, Stock) {
         let safe = self.safe_mm();
         if let Some([u, v, _]) = self.at.filter(|at| at[2] < safe) {
             self.go(Kind::Retract, [u, v, safe]);
@@ -101,7 +107,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Where the tip is.
-    pub(crate) fn place(&self) -> Option<Place> {
+    pub(crate) fn place(&self) -> Option<TipPoint> {
         self.at
     }
 
@@ -113,7 +119,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
-    pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
+    pub fn cut(&mut self, pass: &TipPass, height: Height<'_>, kind: Kind) {
         let entry = self.entry_mm();
         let mut needed = self.needed(pass);
         for _ in 0..MOST_STEPS {
@@ -124,8 +130,8 @@ impl<'a> Passes<'a> {
             if !wide.contains(&true) {
                 break;
             }
-            let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.lowest_mm([p[0], p[1]]) - entry)];
-            let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
+            let shallow = |p: &TipPoint| [p[0], p[1], p[2].max(self.stock.lowest_mm([p[0], p[1]]) - entry)];
+            let shallow = TipPass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
             needed = self.needed(pass);
         }
@@ -133,8 +139,8 @@ impl<'a> Passes<'a> {
     }
 
     /// Where a pass takes anything that counts.
-    fn needed(&self, pass: &Pass) -> Vec<bool> {
-        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
+    fn needed(&self, pass: &TipPass) -> Vec<bool> {
+        let meets = |p: &TipPoint| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
         let worth = |n: usize| {
             let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
             self.left_alone.is_none_or(enough)
@@ -147,7 +153,7 @@ impl<'a> Passes<'a> {
     }
 
     /// How much of the tool's width meets stock thicker than `deeper_mm` ahead of a place of a pass, mm; 0 where it goes nowhere.
-    fn width_mm(&self, pass: &Pass, n: usize, deeper_mm: f64) -> f64 {
+    fn width_mm(&self, pass: &TipPass, n: usize, deeper_mm: f64) -> f64 {
         // an open pass ends in the direction in which it came
         let ends = !pass.closed && n + 1 == pass.places.len();
         let n = if ends { n.saturating_sub(1) } else { n };
@@ -161,13 +167,13 @@ impl<'a> Passes<'a> {
     }
 
     /// Strips of cells tell a width to a cell and a half.
-    fn is_wide(&self, pass: &Pass, n: usize) -> bool {
+    fn is_wide(&self, pass: &TipPass, n: usize) -> bool {
         self.bounded
             && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 1.5 * self.stock.pitch_mm()
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.
-    fn cut_where(&mut self, pass: &Pass, needed: Vec<bool>, height: Height<'_>, kind: Kind) {
+    fn cut_where(&mut self, pass: &TipPass, needed: Vec<bool>, height: Height<'_>, kind: Kind) {
         let driven = self.driven(pass, &needed);
         if pass.closed && needed.contains(&true) && !driven.contains(&false) {
             self.cut_around(pass, height, kind);
@@ -178,13 +184,13 @@ impl<'a> Passes<'a> {
         }
     }
 
-    pub(crate) fn driven(&self, pass: &Pass, needed: &[bool]) -> Vec<bool> {
+    pub(crate) fn driven(&self, pass: &TipPass, needed: &[bool]) -> Vec<bool> {
         let places = |radii: f64| (radii * self.job.tool.radius_mm / pass.step_mm()).ceil() as usize;
         pass.driven(needed, places(LEAD), places(BRIDGE))
     }
 
     /// A closed pass that cuts everywhere: on a slant from the cut before, else by a ramp.
-    fn cut_around(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
+    fn cut_around(&mut self, pass: &TipPass, height: Height<'_>, kind: Kind) {
         let ahead_mm = SLANTS.map(|share| share * self.job.tool.diameter_mm());
         let slant = ahead_mm.into_iter().find_map(|ahead_mm| self.slant(pass, height, ahead_mm));
         match slant {
@@ -205,7 +211,7 @@ impl<'a> Passes<'a> {
     }
 
     /// The way from the cut before to a pass beside it, `ahead_mm` on, and where it meets the pass; `None` where it is far or cuts too wide.
-    fn slant(&self, pass: &Pass, height: Height<'_>, ahead_mm: f64) -> Option<(Pass, usize)> {
+    fn slant(&self, pass: &TipPass, height: Height<'_>, ahead_mm: f64) -> Option<(TipPass, usize)> {
         let at = self.at.filter(|_| self.cutting)?;
         let direction = self.direction()?;
         let start = pass.nearest([at[0] + ahead_mm * direction[0], at[1] + ahead_mm * direction[1], at[2]]);
@@ -216,24 +222,24 @@ impl<'a> Passes<'a> {
     /// The straight way from the cut before to a place, at the heights that are allowed.
     ///
     /// `None` where it is longer than `longest_mm`, climbs over a wall or falls down one, is not allowed or cuts too wide.
-    fn way(&self, to: Place, longest_mm: f64, height: Height<'_>) -> Option<Pass> {
+    fn way(&self, to: TipPoint, longest_mm: f64, height: Height<'_>) -> Option<TipPass> {
         let at = self.at.filter(|_| self.cutting)?;
         let distance = (to[0] - at[0]).hypot(to[1] - at[1]);
         if distance > longest_mm || (to[2] - at[2]).abs() >= self.job.level_mm() {
             return None;
         }
         // closely, each place as high as the line and as its neighbours must be: so no corner of the part lies between two of them
-        let line: Vec<Place> = steps(at, to, self.stock.pitch_mm() / CLOSE as f64).collect();
+        let line: Vec<TipPoint> = steps(at, to, self.stock.pitch_mm() / CLOSE as f64).collect();
         let allowed: Vec<f64> = line.iter().map(|p| height([p[0], p[1]])).collect();
         let highest = |n: usize| allowed[n.saturating_sub(1)..(n + 2).min(allowed.len())].iter();
-        let raised = |(n, [u, v, w]): (usize, &Place)| [*u, *v, highest(n).fold(*w, |a, b| a.max(*b))];
-        let places: Vec<Place> = line.iter().enumerate().map(raised).collect();
+        let raised = |(n, [u, v, w]): (usize, &TipPoint)| [*u, *v, highest(n).fold(*w, |a, b| a.max(*b))];
+        let places: Vec<TipPoint> = line.iter().enumerate().map(raised).collect();
         let most = at[2].max(to[2]) + 0.5 * self.job.entry_mm();
-        let falls = |p: &[Place]| p[0][2] - p[p.len() - 1][2] > 0.5 * self.job.entry_mm();
+        let falls = |p: &[TipPoint]| p[0][2] - p[p.len() - 1][2] > 0.5 * self.job.entry_mm();
         if places.iter().any(|p| p[2] > most) || places.windows(3 * CLOSE / 2 + 1).any(falls) {
             return None;
         }
-        let way = Pass { places, closed: false };
+        let way = TipPass { places, closed: false };
         (0..way.places.len()).step_by(CLOSE).all(|n| !self.is_wide(&way, n)).then_some(way)
     }
 
@@ -246,7 +252,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Goes down along the pass itself, lap by lap, until a place of the ramp's end comes round again at its own height.
-    fn enter_by_ramp(&mut self, around: &[Place], height: Height<'_>, kind: Kind) {
+    fn enter_by_ramp(&mut self, around: &[TipPoint], height: Height<'_>, kind: Kind) {
         let Some(&first) = around.first() else { return };
         let free = self.stock.lowest_mm([first[0], first[1]]).max(first[2]);
         let mut places = Vec::with_capacity(around.len() + 64);
@@ -265,7 +271,7 @@ impl<'a> Passes<'a> {
     }
 
     /// An open run: straight on from the cut before, or from above its first place.
-    fn cut_run(&mut self, places: &[Place], height: Height<'_>, kind: Kind) {
+    fn cut_run(&mut self, places: &[TipPoint], height: Height<'_>, kind: Kind) {
         let Some(&first) = places.first() else { return };
         match self.way(first, self.job.tool.diameter_mm(), height) {
             Some(way) => self.follow(&way.places, kind),
@@ -278,13 +284,13 @@ impl<'a> Passes<'a> {
     }
 
     /// On along the places. The tip is at the first of them or, where a way has to rise, below it.
-    fn follow(&mut self, places: &[Place], kind: Kind) {
+    fn follow(&mut self, places: &[TipPoint], kind: Kind) {
         for place in simplified(places) {
             self.cut_line(kind, place);
         }
     }
 
-    fn cut_line(&mut self, kind: Kind, to: Place) {
+    fn cut_line(&mut self, kind: Kind, to: TipPoint) {
         cancel::poll();
         let to = rounded(to);
         if let Some(from) = self.at {
@@ -295,7 +301,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Up, across and down to the height of repositioning above the stock at a place.
-    fn link(&mut self, to: Place) {
+    fn link(&mut self, to: TipPoint) {
         let clearance_mm = self.job.process.clearance_mm;
         let approach = [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]])) + clearance_mm];
         let Some(from) = self.at.filter(|_| !self.moves.is_empty()) else {
@@ -312,7 +318,7 @@ impl<'a> Passes<'a> {
     }
 
     /// A move, unless it goes nowhere.
-    pub(crate) fn go(&mut self, kind: Kind, to: Place) {
+    pub(crate) fn go(&mut self, kind: Kind, to: TipPoint) {
         let to = rounded(to);
         // the first move of a side turns the block, even in place
         if self.at == Some(to) && !self.moves.is_empty() {
@@ -320,7 +326,7 @@ impl<'a> Passes<'a> {
         }
         let feed_mm_min = if kind.cuts() { self.job.feed_mm_min() } else { self.job.machine.rapid_mm_min };
         let tip_mm = self.facing.to_block(&nalgebra::Vector3::from(to));
-        self.moves.push(Move {
+        self.moves.push(TipMove {
             side: self.side,
             kind,
             tip_mm,

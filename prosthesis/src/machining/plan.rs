@@ -8,12 +8,12 @@ use bonemill_geometry::{Block as BlockFrame, Mesh};
 use crate::machining::MachiningError;
 use crate::machining::effort;
 use crate::machining::envelope::{Envelope, Facet};
-use crate::machining::job::Job;
+use crate::machining::job::MachiningJob;
 use crate::machining::leftover::{self, Leftover, Reason};
-use crate::machining::moves::{Facing, Move, Side};
+use crate::machining::moves::{Facing, Side, TipMove};
 use crate::machining::part::Part;
 use crate::machining::passes::Passes;
-use crate::machining::raster::Raster;
+use crate::machining::raster::CellGrid;
 use crate::machining::sides::Sight;
 use crate::machining::silhouette::Silhouette;
 use crate::machining::stock::Stock;
@@ -30,7 +30,7 @@ const CELL_MM: [f64; 2] = [0.05, 0.12];
 #[derive(Debug, Clone)]
 pub struct Machining {
     /// Moves in their order; the first leads from anywhere to above the block.
-    pub moves: Vec<Move>,
+    pub moves: Vec<TipMove>,
     /// Stock that stays beside the part.
     pub left: Vec<Leftover>,
     /// What holds the part.
@@ -126,7 +126,7 @@ impl std::fmt::Display for Warning {
 /// # Errors
 /// [`MachiningError`] where a number is out of range, the mesh names a vertex that is not there, or part and channel do not lie in the block above
 /// the grip. What the cutter cannot reach is no error but [`Machining::left`].
-pub fn plan(part: &Mesh<BlockFrame>, job: &Job) -> Result<Machining, MachiningError> {
+pub fn plan(part: &Mesh<BlockFrame>, job: &MachiningJob) -> Result<Machining, MachiningError> {
     plan_sides(part, job, |sight, part, passes| sight.rough_and_finish(part, passes))
 }
 
@@ -137,13 +137,17 @@ pub fn plan(part: &Mesh<BlockFrame>, job: &Job) -> Result<Machining, MachiningEr
 ///
 /// # Errors
 /// As [`plan`].
-pub fn plan_zigzag(part: &Mesh<BlockFrame>, job: &Job, rows: &ZigZag) -> Result<Machining, MachiningError> {
+pub fn plan_zigzag(
+    part: &Mesh<BlockFrame>,
+    job: &MachiningJob,
+    rows: &ZigZag,
+) -> Result<Machining, MachiningError> {
     plan_sides(part, job, |sight, part, passes| sight.zigzag(part, passes, rows))
 }
 
 fn plan_sides(
     part: &Mesh<BlockFrame>,
-    job: &Job,
+    job: &MachiningJob,
     side: impl Fn(&Sight<'_>, &Part, &mut Passes<'_>),
 ) -> Result<Machining, MachiningError> {
     job.checked()?;
@@ -170,7 +174,11 @@ fn plan_sides(
 ///
 /// # Errors
 /// As [`plan`].
-pub fn assess(part: &Mesh<BlockFrame>, moves: Vec<Move>, job: &Job) -> Result<Machining, MachiningError> {
+pub fn assess(
+    part: &Mesh<BlockFrame>,
+    moves: Vec<TipMove>,
+    job: &MachiningJob,
+) -> Result<Machining, MachiningError> {
     job.checked()?;
     let [front, back] = [facets(part, Facing::Front)?, facets(part, Facing::Back)?];
     let part = Part::new(&front, job)?;
@@ -182,8 +190,8 @@ pub fn assess(part: &Mesh<BlockFrame>, moves: Vec<Move>, job: &Job) -> Result<Ma
 fn assessed(
     part: &Part,
     sides: [&Sight<'_>; 2],
-    mut moves: Vec<Move>,
-    job: &Job,
+    mut moves: Vec<TipMove>,
+    job: &MachiningJob,
 ) -> Result<Machining, MachiningError> {
     let hidden = &part.envelope.hidden_mm;
     let mut left = leftover::places(&part.raster, hidden, &part.envelope.top, Facing::Front, Reason::Hidden);
@@ -203,8 +211,8 @@ fn assessed(
 
 /// Moves so far, and where the tip is in the machine's axes.
 struct Laid<'a> {
-    job: &'a Job,
-    moves: Vec<Move>,
+    job: &'a MachiningJob,
+    moves: Vec<TipMove>,
     at: Option<[f64; 3]>,
 }
 
@@ -237,7 +245,7 @@ fn facets(part: &Mesh<BlockFrame>, facing: Facing) -> Result<Vec<Facet>, Machini
 }
 
 impl Part {
-    fn new(front: &[Facet], job: &Job) -> Result<Self, MachiningError> {
+    fn new(front: &[Facet], job: &MachiningJob) -> Result<Self, MachiningError> {
         let silhouette = Silhouette::of(front);
         let reach = 2.0 * job.tool.diameter_mm() + 1.0;
         let all = || front.iter().flatten();
@@ -248,7 +256,7 @@ impl Part {
         let by_step = (CELL_IN_STEPS * job.process.finishing_step_mm).clamp(CELL_MM[0], CELL_MM[1]);
         let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(by_step);
         let over = |[low, high, v_mm]: [f64; 3]| {
-            let raster = Raster::over(low - reach, high + reach, v_mm + reach, pitch)?;
+            let raster = CellGrid::over(low - reach, high + reach, v_mm + reach, pitch)?;
             let envelope = Envelope::of(&raster, front);
             Ok(Self::with(raster, envelope, silhouette.clone(), job))
         };
@@ -263,7 +271,7 @@ impl Part {
 }
 
 /// The part in the block; the channel around it above the grip.
-fn lies_within(front: &[Facet], job: &Job) -> Result<(), MachiningError> {
+fn lies_within(front: &[Facet], job: &MachiningJob) -> Result<(), MachiningError> {
     let block = &job.block;
     for p in front.iter().flatten() {
         let p = Facing::Front.to_block(p);
@@ -300,10 +308,10 @@ fn lies_within(front: &[Facet], job: &Job) -> Result<(), MachiningError> {
     Ok(())
 }
 
-fn warnings(moves: &[Move], times: &Times, job: &Job) -> Vec<Warning> {
+fn warnings(moves: &[TipMove], times: &Times, job: &MachiningJob) -> Vec<Warning> {
     let mut warnings = Vec::new();
     for (n, axis) in ['X', 'Y', 'Z'].into_iter().enumerate() {
-        let at = |m: &Move| Facing::of(m.a_rad).from_block(&m.tip_mm)[n];
+        let at = |m: &TipMove| Facing::of(m.a_rad).from_block(&m.tip_mm)[n];
         let span = |pick: fn(f64, f64) -> f64, start: f64| moves.iter().map(at).fold(start, pick);
         let needed_mm = span(f64::max, f64::NEG_INFINITY) - span(f64::min, f64::INFINITY);
         let travel_mm = job.machine.travel_mm[n];
@@ -312,7 +320,7 @@ fn warnings(moves: &[Move], times: &Times, job: &Job) -> Vec<Warning> {
         }
     }
     let range_rad = job.machine.rotary_range_rad;
-    let reached = |m: &&Move| (range_rad[0]..=range_rad[1]).contains(&m.a_rad);
+    let reached = |m: &&TipMove| (range_rad[0]..=range_rad[1]).contains(&m.a_rad);
     if let Some(beyond) = moves.iter().find(|m| !reached(m)) {
         warnings.push(Warning::Rotary { angle_rad: beyond.a_rad, range_rad });
     }
@@ -325,7 +333,7 @@ fn warnings(moves: &[Move], times: &Times, job: &Job) -> Vec<Warning> {
 }
 
 /// What would meet the time that there is: the feed scales what is cut, the finishing step what is finished.
-fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
+fn too_long(moves: &[TipMove], times: &Times, job: &MachiningJob) -> Option<Warning> {
     let most_s = job.machine.max_time_min? * 60.0;
     if times.limited_s <= most_s {
         return None;

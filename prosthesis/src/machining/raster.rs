@@ -6,7 +6,7 @@
 use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
-use crate::machining::{MachiningError, Tool};
+use crate::machining::{EndMill, MachiningError};
 
 /// No material: below everything.
 pub const NONE: f64 = f64::NEG_INFINITY;
@@ -16,7 +16,7 @@ const MOST_CELLS: f64 = 6e6;
 
 /// Square cells over (u, v).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Raster {
+pub struct CellGrid {
     /// Centre of cell (0, 0), mm.
     pub origin_mm: [f64; 2],
     /// Side of a cell, mm.
@@ -25,7 +25,7 @@ pub struct Raster {
     pub dims: [usize; 2],
 }
 
-impl Raster {
+impl CellGrid {
     /// Over u in `low..high` and |v| up to `v_mm`, with cells of `pitch_mm`, or larger where these would be too many.
     ///
     /// # Errors
@@ -141,12 +141,12 @@ impl Raster {
     /// Where the tip may be over a body: out(p) = max over o of map(p + o) − profile(|o|), mm.
     ///
     /// `grown_mm` widens the cutter, which makes the map safe for a body known at cell centres only.
-    pub fn dilated(&self, map: &[f64], tool: &Tool, grown_mm: f64) -> Vec<f64> {
+    pub fn dilated(&self, map: &[f64], tool: &EndMill, grown_mm: f64) -> Vec<f64> {
         self.spread(map, &Footprint::of(self, tool, grown_mm), |best, w, f| best.max(w - f), NONE)
     }
 
     /// What a tip over `map` leaves: out(p) = min over o of map(p + o) + profile(|o|), mm.
-    pub fn eroded(&self, map: &[f64], tool: &Tool) -> Vec<f64> {
+    pub fn eroded(&self, map: &[f64], tool: &EndMill) -> Vec<f64> {
         self.spread(map, &Footprint::of(self, tool, 0.0), |best, w, f| best.min(w + f), f64::INFINITY)
     }
 
@@ -199,7 +199,7 @@ impl Footprint {
     }
 
     /// Of a tool whose radius is larger by `grown_mm`.
-    pub fn of(raster: &Raster, tool: &Tool, grown_mm: f64) -> Self {
+    pub fn of(raster: &CellGrid, tool: &EndMill, grown_mm: f64) -> Self {
         let reach = ((tool.radius_mm + grown_mm) / raster.pitch_mm).floor() as isize;
         let mut cells = Vec::new();
         for dv in -reach..=reach {

@@ -2,7 +2,7 @@
 
 use bonemill_geometry::{Block as BlockFrame, Mesh};
 
-use crate::machining::{Job, Tool};
+use crate::machining::{EndMill, MachiningJob};
 
 /// How far contour and rim go below the lowest place, mm.
 pub(crate) const THROUGH_MM: f64 = 0.1;
@@ -11,7 +11,7 @@ const HOLDER_MM: f64 = 0.005;
 /// A facet faces a side when its normal has at least so much of the side's direction; walls are reached from either.
 const FACES: f64 = 0.01;
 
-impl Tool {
+impl EndMill {
     /// How deep the tip may go below the block's top, mm; ∞ where nothing above the cutter is wider than it.
     pub(crate) fn reach_mm(&self) -> f64 {
         let widest_mm = self.holder.iter().map(|h| h.radius_mm).fold(0.0, f64::max);
@@ -23,7 +23,7 @@ impl Tool {
 ///
 /// 0 where it reaches all from where the part is; where no place will do, to where both sides lack the same, as far as the gap lets it. A facet
 /// that another one hides counts, a wall does not: whether the place is better is for the proof to say.
-pub fn shift_to_reach_mm(part: &Mesh<BlockFrame>, job: &Job, gap_mm: f64) -> f64 {
+pub fn shift_to_reach_mm(part: &Mesh<BlockFrame>, job: &MachiningJob, gap_mm: f64) -> f64 {
     // the depths below the block's tops of the front's lowest and the back's highest place, and the room beside the part
     let (top_mm, bottom_mm) = (job.block.high_mm.y, job.block.low_mm.y);
     let (mut front_mm, mut back_mm) = (0.0f64, 0.0f64);

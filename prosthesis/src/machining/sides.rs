@@ -4,11 +4,11 @@
 
 use crate::machining::dropcutter::DropCutter;
 use crate::machining::envelope::Facet;
-use crate::machining::job::Job;
+use crate::machining::job::MachiningJob;
 use crate::machining::leftover::{self, Leftover, Reason};
 use crate::machining::moves::{Facing, Kind};
 use crate::machining::part::Part;
-use crate::machining::pass::{Pass, refined};
+use crate::machining::pass::{TipPass, refined};
 use crate::machining::passes::{Passes, Sliver};
 use crate::machining::raster::NONE;
 use crate::machining::rings::{Field, iso_loops};
@@ -26,7 +26,7 @@ const BESIDE_MM: f64 = 0.005;
 pub(crate) const STEP_SHARE: f64 = 0.82;
 /// One side's maps of where the tip may be.
 pub(crate) struct Sight<'a> {
-    pub job: &'a Job,
+    pub job: &'a MachiningJob,
     pub facing: Facing,
     pub drop: DropCutter,
     /// Heights of the part, mm.
@@ -40,7 +40,7 @@ pub(crate) struct Sight<'a> {
 }
 
 impl<'a> Sight<'a> {
-    pub fn new(part: &Part, job: &'a Job, facets: &[Facet], facing: Facing) -> Self {
+    pub fn new(part: &Part, job: &'a MachiningJob, facets: &[Facet], facing: Facing) -> Self {
         let heights = part.envelope.heights(&part.raster, facing);
         let top = facing.from_block(&job.block.high_mm).z.max(facing.from_block(&job.block.low_mm).z);
         Self {
@@ -110,8 +110,8 @@ impl<'a> Sight<'a> {
             narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
         });
         // the channel around the part is a slot
-        let lay = |outline: &Loop| self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, beside_part));
-        let around: Vec<Pass> = part.around(beside, self.facing).iter().map(lay).collect();
+        let lay = |outline: &Loop| self.sensed(TipPass::along(outline, 1.5 * raster.pitch_mm, beside_part));
+        let around: Vec<TipPass> = part.around(beside, self.facing).iter().map(lay).collect();
         for level in levels(top, lowest, passes.entry_mm()) {
             let height = |p: [f64; 2]| beside_part(p).max(level);
             for pass in &around {
@@ -121,7 +121,7 @@ impl<'a> Sight<'a> {
         for level in levels(top, lowest, job.level_mm()) {
             let height = |p: [f64; 2]| free(p).max(level);
             for outline in loops.iter().chain(&iso_loops(raster, &wall, level + 1e-6)) {
-                let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
+                let pass = self.sensed(TipPass::along(outline, 1.5 * raster.pitch_mm, height));
                 passes.cut(&pass, &height, Kind::Rough);
             }
         }
@@ -150,7 +150,7 @@ impl<'a> Sight<'a> {
         let around = |passes: &mut Passes<'_>, beside_mm: f64| {
             for outline in &part.around(beside_mm, self.facing) {
                 if !outline.first().is_some_and(|p| is_in_hole(*p)) {
-                    let pass = Pass::along(outline, 1.5 * raster.pitch_mm, height);
+                    let pass = TipPass::along(outline, 1.5 * raster.pitch_mm, height);
                     passes.cut(&self.sensed(refined(pass, height)), &height, Kind::Contour);
                 }
             }
@@ -219,7 +219,7 @@ impl<'a> Sight<'a> {
     }
 
     /// In the sense of the case: passes are laid for climb.
-    pub fn sensed(&self, pass: Pass) -> Pass {
+    pub fn sensed(&self, pass: TipPass) -> TipPass {
         if self.job.process.sense == CutSense::Climb { pass } else { pass.reversed() }
     }
 }

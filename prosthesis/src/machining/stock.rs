@@ -5,10 +5,10 @@
 //!
 //! What a cut takes is told at cells' centres. What is free is told by the cells that were cut whole: a ridge may stand between two centres.
 
-use crate::machining::Tool;
+use crate::machining::EndMill;
 use crate::machining::job::Block;
 use crate::machining::moves::Facing;
-use crate::machining::raster::{NONE, Raster};
+use crate::machining::raster::{CellGrid, NONE};
 
 /// So that cells on the border of two strips count for one and the same side, in strips.
 const TIE: f64 = 1e-6;
@@ -21,8 +21,8 @@ const TO_CORNER: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Stock as one side sees it.
 #[derive(Debug, Clone)]
 pub struct Stock {
-    raster: Raster,
-    tool: Tool,
+    raster: CellGrid,
+    tool: EndMill,
     /// At the cells' centres.
     pub centres: Surfaces,
     /// Where a cell was cut whole.
@@ -40,7 +40,7 @@ pub struct Surfaces {
 
 impl Surfaces {
     /// The same seen from the other side.
-    fn turned(&self, raster: &Raster) -> Self {
+    fn turned(&self, raster: &CellGrid) -> Self {
         let other_way = |map: &[f64]| raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
         let cells = self.top.iter().zip(&self.other);
         let gone = cells.map(|(top, other)| if top > other { *other } else { f64::INFINITY });
@@ -49,11 +49,11 @@ impl Surfaces {
 }
 
 /// A place of the tip: u, v, w, mm.
-pub type Place = [f64; 3];
+pub type TipPoint = [f64; 3];
 
 impl Stock {
     /// The whole block.
-    pub fn block(raster: &Raster, block: &Block, tool: &Tool, facing: Facing) -> Self {
+    pub fn block(raster: &CellGrid, block: &Block, tool: &EndMill, facing: Facing) -> Self {
         let (a, b) = (facing.from_block(&block.low_mm), facing.from_block(&block.high_mm));
         let (low, high) = (a.inf(&b), a.sup(&b));
         // of the cells, or of those that the block touches
@@ -82,7 +82,7 @@ impl Stock {
     }
 
     /// The cells whose centres are under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
-    fn under(&self, [u, v, w]: Place, grown_mm: f64) -> impl Iterator<Item = (usize, f64)> {
+    fn under(&self, [u, v, w]: TipPoint, grown_mm: f64) -> impl Iterator<Item = (usize, f64)> {
         let (raster, tool) = (&self.raster, &self.tool);
         let radius = tool.radius_mm + grown_mm;
         raster.span(1, v - radius, v + radius).flat_map(move |j| {
@@ -107,12 +107,12 @@ impl Stock {
     }
 
     /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
-    pub fn meets(&self, at: Place, grown_mm: f64, counts: &[bool]) -> bool {
+    pub fn meets(&self, at: TipPoint, grown_mm: f64, counts: &[bool]) -> bool {
         self.under(at, grown_mm).any(|(cell, w)| counts[cell] && self.taken(cell, w) > LEAST_MM)
     }
 
     /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
-    pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
+    pub fn width_mm(&self, at: TipPoint, direction: [f64; 2], deeper_mm: f64) -> f64 {
         let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
         let thick = self.under(at, 0.0).filter(|(cell, w)| self.taken(*cell, *w) > deeper_mm);
         thick.for_each(|(cell, _)| {
@@ -127,7 +127,7 @@ impl Stock {
     }
 
     /// Takes away what is above the tool at a place.
-    pub fn cut(&mut self, at: Place) {
+    pub fn cut(&mut self, at: TipPoint) {
         let mut top = std::mem::take(&mut self.centres.top);
         self.under(at, 0.0).for_each(|(cell, w)| top[cell] = top[cell].min(w));
         self.centres.top = top;
@@ -137,7 +137,7 @@ impl Stock {
     }
 
     /// Cuts along a straight move, at steps of a cell.
-    pub fn cut_line(&mut self, from: Place, to: Place) {
+    pub fn cut_line(&mut self, from: TipPoint, to: TipPoint) {
         for at in steps(from, to, self.raster.pitch_mm) {
             self.cut(at);
         }
@@ -172,7 +172,7 @@ impl Stock {
 }
 
 /// Places along a straight line, both ends included, at most `apart_mm` apart.
-pub fn steps(from: Place, to: Place, apart_mm: f64) -> impl Iterator<Item = Place> {
+pub fn steps(from: TipPoint, to: TipPoint, apart_mm: f64) -> impl Iterator<Item = TipPoint> {
     let length = (to[0] - from[0]).hypot(to[1] - from[1]);
     let count = (length / apart_mm).ceil().max(1.0) as usize;
     (0..=count).map(move |n| {

@@ -8,8 +8,8 @@
 //! **Source:** Castelli et al. 2020, section 4.1 (holding strip, residual strip at the bottom).
 
 use crate::machining::envelope::Envelope;
-use crate::machining::raster::Raster;
-use crate::machining::silhouette::{Nearest, Silhouette, area_mm2, length_mm, sampled};
+use crate::machining::raster::CellGrid;
+use crate::machining::silhouette::{NearestPoints, Silhouette, area_mm2, length_mm, sampled};
 
 /// How far inside the outline the rim is measured: at its edge, and where a slope has risen, mm.
 const RIM_MM: [f64; 2] = [0.2, 0.7];
@@ -59,7 +59,7 @@ pub struct StripStrength {
 
 impl Strip {
     /// Along the silhouette, `thickness_mm` thick.
-    pub fn along(raster: &Raster, envelope: &Envelope, silhouette: &Silhouette, thickness_mm: f64) -> Self {
+    pub fn along(raster: &CellGrid, envelope: &Envelope, silhouette: &Silhouette, thickness_mm: f64) -> Self {
         let mut strip = Self { points: vec![], heights: vec![], rims: vec![], length_mm: 0.0 };
         let step = 0.5 * raster.pitch_mm;
         for outline in silhouette.loops() {
@@ -83,7 +83,13 @@ impl Strip {
     }
 
     /// Upper side of the strip over the cells outside the part, seen from the front, or from the back when `turned`; `outside` elsewhere.
-    pub fn body(&self, raster: &Raster, envelope: &Envelope, nearest: &Nearest, back: bool) -> Vec<f64> {
+    pub fn body(
+        &self,
+        raster: &CellGrid,
+        envelope: &Envelope,
+        nearest: &NearestPoints,
+        back: bool,
+    ) -> Vec<f64> {
         let height = |cell: usize| {
             let [low, high] = self.heights.get(nearest.point[cell] as usize).copied().unwrap_or([0.0; 2]);
             if envelope.holds(cell) {
@@ -111,7 +117,7 @@ impl Strip {
     }
 
     /// What it bears.
-    pub fn strength(&self, job: &crate::machining::Job) -> StripStrength {
+    pub fn strength(&self, job: &crate::machining::MachiningJob) -> StripStrength {
         let thickness_mm = job.process.strip_mm;
         let tab = self.tab(outline_force_n(job), thickness_mm);
         let [shear_n, bending_n] = tab.bears_n(thickness_mm);
@@ -148,13 +154,13 @@ impl Tab {
 }
 
 /// Force of a cut whose chip is as deep as `chip_mm` along the feed, N.
-pub fn cutting_force_n(job: &crate::machining::Job, chip_mm: f64) -> f64 {
+pub fn cutting_force_n(job: &crate::machining::MachiningJob, chip_mm: f64) -> f64 {
     let teeth_min = f64::from(job.tool.flutes) * job.process.spindle_rpm;
     FORCE_N_MM2 * job.feed_mm_min() / teeth_min * chip_mm
 }
 
 /// Force that is expected while the outline is cut: as deep as a level or the strip, all teeth of one side at once, N.
-pub fn outline_force_n(job: &crate::machining::Job) -> f64 {
+pub fn outline_force_n(job: &crate::machining::MachiningJob) -> f64 {
     let teeth = f64::from(job.tool.flutes.div_ceil(2));
     cutting_force_n(job, teeth * job.level_mm().max(job.process.strip_mm))
 }
@@ -184,7 +190,7 @@ impl Rim {
     }
 }
 
-fn rim(raster: &Raster, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> Option<Rim> {
+fn rim(raster: &CellGrid, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> Option<Rim> {
     let at = |depth: f64| {
         let cell = raster.cell([p[0] + depth * inward[0], p[1] + depth * inward[1]])?;
         envelope.holds(cell).then(|| (envelope.bottom[cell], envelope.top[cell]))

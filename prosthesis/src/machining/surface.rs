@@ -14,15 +14,15 @@ use std::f64::consts::FRAC_PI_2;
 
 use rayon::prelude::*;
 
-use crate::machining::Tool;
+use crate::machining::EndMill;
 use crate::machining::moves::Kind;
 use crate::machining::part::Part;
-use crate::machining::pass::{Height, Pass, across_mm, refined};
+use crate::machining::pass::{Height, TipPass, across_mm, refined};
 use crate::machining::passes::Passes;
-use crate::machining::raster::{NONE, Raster};
+use crate::machining::raster::{CellGrid, NONE};
 use crate::machining::sides::{ALLOWANCE_MM, STEP_SHARE, Sight};
 use crate::machining::silhouette::{Loop, length_mm};
-use crate::machining::stock::{Place, Stock, Surfaces};
+use crate::machining::stock::{Stock, Surfaces, TipPoint};
 
 /// Share of the finishing step that rows and rings are laid for, and above which stock is cut again: cells tell thickness to a tenth of it.
 const SHARE: f64 = 0.9;
@@ -64,7 +64,7 @@ impl Surface {
 
 /// Where the tip may be: over the raster in general, and exactly.
 struct Reach<'a> {
-    raster: &'a Raster,
+    raster: &'a CellGrid,
     /// Where the axis may be.
     domain: Vec<bool>,
     /// Lowest tip, mm.
@@ -192,16 +192,16 @@ impl Sight<'_> {
     ) {
         let lay = |ring: &Loop| {
             // the raster's heights are enough to see what is needless
-            let mut pass = Pass::along(ring, 1.5 * reach.raster.pitch_mm, |p| reach.about_mm(p));
-            let worth = |p: &Place| over([p[0], p[1]]) && is_worth(passes, p);
+            let mut pass = TipPass::along(ring, 1.5 * reach.raster.pitch_mm, |p| reach.about_mm(p));
+            let worth = |p: &TipPoint| over([p[0], p[1]]) && is_worth(passes, p);
             let driven = passes.driven(&pass, &pass.places.iter().map(worth).collect::<Vec<_>>());
             pass.places.par_iter_mut().zip(&driven).for_each(|(p, driven)| {
                 p[2] = if *driven { (reach.height)([p[0], p[1]]) } else { f64::INFINITY };
             });
             let closed = !driven.contains(&false);
             let runs = if closed { vec![pass.places] } else { pass.runs(&driven) };
-            let laid = |places| self.sensed(refined(Pass { places, closed }, reach.height));
-            runs.into_iter().map(laid).collect::<Vec<Pass>>()
+            let laid = |places| self.sensed(refined(TipPass { places, closed }, reach.height));
+            runs.into_iter().map(laid).collect::<Vec<TipPass>>()
         };
         let laid = rings.par_iter().flat_map_iter(lay).collect();
         for pass in &nearest_first(laid, passes.place(), self.job.tool.diameter_mm()) {
@@ -216,13 +216,13 @@ impl Sight<'_> {
             let about = |p: &[f64; 2]| {
                 [p[0], p[1], if reach.may_be(*p) { reach.about_mm(*p) } else { f64::INFINITY }]
             };
-            let about = Pass { places: row.iter().map(about).collect(), closed: false };
+            let about = TipPass { places: row.iter().map(about).collect(), closed: false };
             let needed: Vec<bool> = about.places.iter().map(|p| is_worth(passes, p)).collect();
-            let stretch = |places: Vec<Place>| {
+            let stretch = |places: Vec<TipPoint>| {
                 let places = places.iter().map(|p| [p[0], p[1], exact([p[0], p[1]])]).collect();
-                self.sensed(refined(Pass { places, closed: false }, reach.height))
+                self.sensed(refined(TipPass { places, closed: false }, reach.height))
             };
-            about.runs(&passes.driven(&about, &needed)).into_iter().map(stretch).collect::<Vec<Pass>>()
+            about.runs(&passes.driven(&about, &needed)).into_iter().map(stretch).collect::<Vec<TipPass>>()
         };
         let laid = rows.par_iter().flat_map_iter(lay).collect();
         let beside_mm = if sensed { self.job.tool.diameter_mm() } else { 0.0 };
@@ -259,7 +259,7 @@ impl Sight<'_> {
 /// How far rows may be apart that leave at most `step_mm` along the normal of a plane that rises by `along` along and by `across` across them, mm.
 ///
 /// A flat end leaves stairs of s sin θ along a contour line, a corner of radius r_c scallops that are cos θ √(8 e r_c) apart; the better of both counts.
-pub(crate) fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f64 {
+pub(crate) fn apart_mm(tool: &EndMill, step_mm: f64, along: f64, across: f64) -> f64 {
     let flat = tool.radius_mm - tool.corner_radius_mm;
     let tangent = along.hypot(across);
     let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
@@ -270,7 +270,7 @@ pub(crate) fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f6
 }
 
 /// Rise over run along u and v, the steeper of both ways, over the finite heights of a map.
-fn slopes(raster: &Raster, map: &[f64]) -> Vec<[f64; 2]> {
+fn slopes(raster: &CellGrid, map: &[f64]) -> Vec<[f64; 2]> {
     let [nu, nv] = raster.dims;
     let slope = |cell: usize| {
         let (i, j) = (cell % nu, cell / nu);
@@ -289,7 +289,7 @@ fn slopes(raster: &Raster, map: &[f64]) -> Vec<[f64; 2]> {
 /// Straight rows of a round over a raster along u (0) or v (1): `apart_mm` apart in the first round, half-way between those before in the next.
 ///
 /// From the middle outwards, on one side there and on the other back: all in one sense of cut, with short ways between them.
-fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Row> {
+fn rows(raster: &CellGrid, along: usize, apart_mm: f64, round: usize) -> Vec<Row> {
     let across = 1 - along;
     let (start, end) = (raster.origin_mm, raster.centre(raster.dims[0] - 1, raster.dims[1] - 1));
     let apart_mm = apart_mm / 2f64.powi(round as i32);
@@ -317,7 +317,7 @@ fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Row> 
 }
 
 /// Whether a place, lower by the allowance, takes anything that counts: a superset of what is needed at exact heights.
-fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
+fn is_worth(passes: &Passes<'_>, p: &TipPoint) -> bool {
     let deeper = [p[0], p[1], p[2] - ALLOWANCE_MM];
     p[2].is_finite() && passes.stock.meets(deeper, passes.stock.pitch_mm(), &passes.counts)
 }
@@ -325,13 +325,13 @@ fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
 /// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`, told to half of it.
 ///
 /// 0: after none of them, and driven from either end, since they have stock on both sides.
-fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pass> {
-    let some: Vec<Vec<Place>> = passes.par_iter().map(|pass| pass.sparse(0.5 * beside_mm)).collect();
+fn nearest_first(passes: Vec<TipPass>, at: Option<TipPoint>, beside_mm: f64) -> Vec<TipPass> {
+    let some: Vec<Vec<TipPoint>> = passes.par_iter().map(|pass| pass.sparse(0.5 * beside_mm)).collect();
     let are_beside =
         |m: usize, n: usize| some[m].iter().any(|a| some[n].iter().any(|b| across_mm(a, b) < beside_mm));
     let waits_for = |n: usize| (0..n).filter(|m| beside_mm > 0.0 && are_beside(*m, n)).collect();
     let mut waits: Vec<Vec<usize>> = (0..passes.len()).into_par_iter().map(waits_for).collect();
-    let mut left: Vec<Option<Pass>> = passes.into_iter().map(Some).collect();
+    let mut left: Vec<Option<TipPass>> = passes.into_iter().map(Some).collect();
     let mut ordered = Vec::with_capacity(left.len());
     let mut at = at.unwrap_or_default();
     let either_way = beside_mm == 0.0;
@@ -346,7 +346,7 @@ fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pa
         let Some((next, _, back)) = nearest else { return ordered };
         waits.iter_mut().for_each(|waits| waits.retain(|n| *n != next));
         ordered.extend(left[next].take().map(|pass| if back { pass.reversed() } else { pass }));
-        at = ordered.last().and_then(Pass::end).unwrap_or(at);
+        at = ordered.last().and_then(TipPass::end).unwrap_or(at);
     }
 }
 
@@ -355,7 +355,7 @@ mod tests {
     use super::*;
 
     /// Greatest thickness along the normal that flat rows `apart_mm` apart leave on a plane: brute force over the ends' discs.
-    fn left_mm(tool: &Tool, apart_mm: f64, along: f64, across: f64) -> f64 {
+    fn left_mm(tool: &EndMill, apart_mm: f64, along: f64, across: f64) -> f64 {
         let (radius, tangent) = (tool.radius_mm, along.hypot(across));
         // over a point at 0 along and y across from a row's axis
         let over = |y: f64| {
@@ -371,7 +371,8 @@ mod tests {
 
     #[test]
     fn rows_leave_what_they_are_laid_for() {
-        let tool = Tool { radius_mm: 1.6, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] };
+        let tool =
+            EndMill { radius_mm: 1.6, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] };
         for (along, across) in [(0.3, 0.0), (0.5, 0.2), (-0.4, 0.4), (0.2, -0.6), (0.0, 0.5), (0.9, 0.3)] {
             let apart = apart_mm(&tool, 0.08, along, across);
             let left = left_mm(&tool, apart, along, across);
@@ -389,12 +390,12 @@ mod tests {
         let arc = |n: usize| {
             let u = if n.is_multiple_of(2) { -20.0 } else { 20.0 };
             let places = (0..=4).map(|k| [u + 0.1 * (n / 2) as f64, f64::from(k), 0.0]);
-            Pass { places: places.collect(), closed: false }
+            TipPass { places: places.collect(), closed: false }
         };
-        let order = |beside_mm: f64, at: Place| {
+        let order = |beside_mm: f64, at: TipPoint| {
             let ordered = nearest_first((0..6).map(arc).collect(), Some(at), beside_mm);
-            let number = |pass: &Pass| (0..6).position(|n| arc(n).places == pass.places);
-            let back = |pass: &Pass| number(&pass.clone().reversed()).map(|n| n + 100);
+            let number = |pass: &TipPass| (0..6).position(|n| arc(n).places == pass.places);
+            let back = |pass: &TipPass| number(&pass.clone().reversed()).map(|n| n + 100);
             ordered.iter().map(|pass| number(pass).or_else(|| back(pass)).unwrap()).collect::<Vec<_>>()
         };
         assert_eq!(order(3.0, [21.0, 0.0, 0.0]), [1, 3, 5, 0, 2, 4]);
@@ -404,7 +405,7 @@ mod tests {
 
     #[test]
     fn rows_are_climb_and_later_rounds_lie_between() {
-        let raster = Raster::over(-5.0, 5.0, 5.0, 0.1).unwrap();
+        let raster = CellGrid::over(-5.0, 5.0, 5.0, 0.1).unwrap();
         for along in [0, 1] {
             let first = rows(&raster, along, 1.0, 0);
             let second = rows(&raster, along, 1.0, 1);

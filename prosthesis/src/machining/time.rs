@@ -11,8 +11,8 @@ use nalgebra::Vector3;
 use crate::machining::MachiningError;
 use bonemill_case::prosthesis::MachineSpec;
 
-use crate::machining::job::Job;
-use crate::machining::moves::{Facing, Move};
+use crate::machining::job::MachiningJob;
+use crate::machining::moves::{Facing, TipMove};
 
 /// How far the axes may cut corners, mm: with the moves' own 0.005 mm below the tolerance for gouges.
 pub const CORNER_MM: f64 = 0.01;
@@ -32,9 +32,9 @@ pub struct Times {
 ///
 /// # Errors
 /// [`MachiningError::Motion`] where the time law takes no such path.
-pub fn times(moves: &mut [Move], job: &Job) -> Result<Times, MachiningError> {
+pub fn times(moves: &mut [TipMove], job: &MachiningJob) -> Result<Times, MachiningError> {
     let (mut constant_s, mut cutting_s) = (0.0, 0.0);
-    let mut before: Option<Move> = None;
+    let mut before: Option<TipMove> = None;
     for step in moves.iter_mut() {
         let took = before.map_or(0.0, |before| duration_s(&before, step, &job.machine));
         constant_s += took;
@@ -48,31 +48,31 @@ pub fn times(moves: &mut [Move], job: &Job) -> Result<Times, MachiningError> {
 }
 
 /// Of a move by constant speeds, s.
-fn duration_s(from: &Move, to: &Move, machine: &MachineSpec) -> f64 {
+fn duration_s(from: &TipMove, to: &TipMove, machine: &MachineSpec) -> f64 {
     let turn_s = (to.a_rad - from.a_rad).abs() / machine.rotary_rad_s;
     in_machine(from, to).norm() / to.feed_mm_min * 60.0 + turn_s
 }
 
 /// The tip's way in the machine's axes, mm.
-fn in_machine(from: &Move, to: &Move) -> Vector3<f64> {
-    let at = |m: &Move| Facing::of(m.a_rad).from_block(&m.tip_mm);
+fn in_machine(from: &TipMove, to: &TipMove) -> Vector3<f64> {
+    let at = |m: &TipMove| Facing::of(m.a_rad).from_block(&m.tip_mm);
     at(to) - at(from)
 }
 
-fn limited_s(moves: &[Move], machine: &MachineSpec) -> Result<f64, MachiningError> {
+fn limited_s(moves: &[TipMove], machine: &MachineSpec) -> Result<f64, MachiningError> {
     let Some(first) = moves.first() else { return Ok(0.0) };
     Ok(prepared(first, moves, machine)?.duration_s(&caps_mm_s(moves, 1.0))?)
 }
 
 /// The speed of every move, that of cuts `by` times as fast, mm/s.
-fn caps_mm_s(moves: &[Move], by: f64) -> Vec<f64> {
-    let cap = |m: &Move| (if m.kind.cuts() { m.feed_mm_min * by } else { m.feed_mm_min }) / 60.0;
+fn caps_mm_s(moves: &[TipMove], by: f64) -> Vec<f64> {
+    let cap = |m: &TipMove| (if m.kind.cuts() { m.feed_mm_min * by } else { m.feed_mm_min }) / 60.0;
     moves.iter().map(cap).collect()
 }
 
 /// The least factor of the feed, to a hundredth, with which the moves take no longer than `most_s` under the machine's accelerations; `None` where
 /// `most` is not enough.
-pub(crate) fn faster(moves: &[Move], machine: &MachineSpec, most: f64, most_s: f64) -> Option<f64> {
+pub(crate) fn faster(moves: &[TipMove], machine: &MachineSpec, most: f64, most_s: f64) -> Option<f64> {
     let path = prepared(moves.first()?, moves, machine).ok()?;
     let meets = |by: f64| path.duration_s(&caps_mm_s(moves, by)).is_ok_and(|takes_s| takes_s <= most_s);
     let (mut low, mut high) = (1.0, most);
@@ -87,7 +87,11 @@ pub(crate) fn faster(moves: &[Move], machine: &MachineSpec, most: f64, most_s: f
 }
 
 /// The machine's axes along the moves.
-fn prepared(first: &Move, moves: &[Move], machine: &MachineSpec) -> Result<PreparedPath, MachiningError> {
+fn prepared(
+    first: &TipMove,
+    moves: &[TipMove],
+    machine: &MachineSpec,
+) -> Result<PreparedPath, MachiningError> {
     let fastest = machine.rapid_mm_min.max(machine.max_feed_mm_min) / 60.0;
     let rotary = machine.rotary_rad_s;
     // the rotary axis reaches its speed within the same time as the linear ones

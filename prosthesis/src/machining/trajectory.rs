@@ -18,7 +18,7 @@ use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPa
 use nalgebra::{Isometry3, Rotation3, Unit, Vector3};
 
 use crate::machining::MachiningError;
-use crate::machining::moves::{Facing, Move};
+use crate::machining::moves::{Facing, TipMove};
 use crate::machining::time::CORNER_MM;
 
 /// Longest move that is resolved as one, mm: rapid moves are far longer than the arm is straight.
@@ -28,7 +28,7 @@ const TURN_RAD: f64 = 0.05;
 
 /// How an arm drives the moves.
 #[derive(Debug, Clone)]
-pub struct ArmMotion {
+pub struct DrivenMoves {
     /// Joint positions over time.
     pub law: TimeLaw,
     /// The arm's branch.
@@ -45,8 +45,8 @@ pub struct ArmMotion {
 pub fn spindle_on_flange(
     arm: &Arm,
     base_from_machine: &Isometry3<f64>,
-    moves: &[Move],
-) -> Result<Result<ArmMotion, OutOfReach>, MachiningError> {
+    moves: &[TipMove],
+) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
     let axis = Unit::new_normalize(base_from_machine.rotation * Vector3::z());
     motion(arm, &Way::in_base(base_from_machine, axis, moves), RollFrame::about(&axis))
 }
@@ -58,12 +58,15 @@ pub fn spindle_on_flange(
 ///
 /// # Errors
 /// As [`spindle_on_flange`].
-pub fn block_on_flange(arm: &Arm, moves: &[Move]) -> Result<Result<ArmMotion, OutOfReach>, MachiningError> {
+pub fn block_on_flange(
+    arm: &Arm,
+    moves: &[TipMove],
+) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
     // across all directions of the cutter's axis, which turns about x
     motion(arm, &Way::in_block(moves), RollFrame::about(&Vector3::x_axis()))
 }
 
-fn motion(arm: &Arm, way: &Way, frame: RollFrame) -> Result<Result<ArmMotion, OutOfReach>, MachiningError> {
+fn motion(arm: &Arm, way: &Way, frame: RollFrame) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
     let path = PosePath {
         poses: &way.poses,
         length_mm: &way.length_mm,
@@ -85,7 +88,7 @@ fn motion(arm: &Arm, way: &Way, frame: RollFrame) -> Result<Result<ArmMotion, Ou
     let stops: Vec<usize> = way.stops.iter().filter_map(|n| dense.waypoints.get(*n).copied()).collect();
     let joint_path = JointPath { q: &dense.q, burr_mm: &dense.burr_mm, pose: &dense.pose, stops: &stops };
     let law = PreparedPath::new(&joint_path, &limits)?.law(&dense.per_place(&way.cap_mm_s))?;
-    Ok(Ok(ArmMotion { law, branch: resolved.branch }))
+    Ok(Ok(DrivenMoves { law, branch: resolved.branch }))
 }
 
 /// The tip's way in the arm's work frame.
@@ -102,7 +105,7 @@ struct Way {
 
 impl Way {
     /// With the spindle on the flange: in the arm's base.
-    fn in_base(base_from_machine: &Isometry3<f64>, axis: Unit<Vector3<f64>>, moves: &[Move]) -> Self {
+    fn in_base(base_from_machine: &Isometry3<f64>, axis: Unit<Vector3<f64>>, moves: &[TipMove]) -> Self {
         let mut way = Self::default();
         let mut before: Option<(Vector3<f64>, f64)> = None;
         for (n, step) in moves.iter().enumerate() {
@@ -121,9 +124,9 @@ impl Way {
     }
 
     /// With the block on the flange: in the block.
-    fn in_block(moves: &[Move]) -> Self {
+    fn in_block(moves: &[TipMove]) -> Self {
         let mut way = Self::default();
-        let mut before: Option<&Move> = None;
+        let mut before: Option<&TipMove> = None;
         for (n, step) in moves.iter().enumerate() {
             let mut from = before.map_or(step.tip_mm, |before| before.tip_mm);
             if let Some(before) = before.filter(|before| before.a_rad != step.a_rad) {
@@ -143,7 +146,7 @@ impl Way {
     fn straight(
         &mut self,
         n: usize,
-        step: &Move,
+        step: &TipMove,
         [from, to]: [Vector3<f64>; 2],
         pose: impl Fn(Vector3<f64>) -> AxisPose,
     ) {
@@ -157,7 +160,7 @@ impl Way {
 
     /// Turns the block under the tip of the move before, about x: from A = 0 to π the cutter's axis goes from +y over +z to −y, and back the same way.
     /// Returns the tip's place in the block after that.
-    fn turn(&mut self, n: usize, step: &Move, before: &Move) -> Vector3<f64> {
+    fn turn(&mut self, n: usize, step: &TipMove, before: &TipMove) -> Vector3<f64> {
         let (from, axis) = (before.tip_mm, Facing::of(before.a_rad).to_block(&Vector3::z()));
         let angle_rad = step.a_rad - before.a_rad;
         let pieces = (angle_rad.abs() / TURN_RAD).ceil() as usize;
@@ -174,7 +177,7 @@ impl Way {
         about_x(1.0) * from
     }
 
-    fn push(&mut self, n: usize, step: &Move, length_mm: f64, pose: AxisPose) {
+    fn push(&mut self, n: usize, step: &TipMove, length_mm: f64, pose: AxisPose) {
         self.poses.push(pose);
         self.length_mm.push(length_mm);
         self.cap_mm_s.push(step.feed_mm_min / 60.0);

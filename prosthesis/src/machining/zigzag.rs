@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use crate::machining::moves::Kind;
 use crate::machining::part::Part;
-use crate::machining::pass::{Pass, refined};
+use crate::machining::pass::{TipPass, refined};
 use crate::machining::passes::Passes;
-use crate::machining::raster::{NONE, Raster};
+use crate::machining::raster::{CellGrid, NONE};
 use crate::machining::sides::{ALLOWANCE_MM, Sight};
 
 /// Spacings of the published tool path, mm.
@@ -56,7 +56,7 @@ impl Sight<'_> {
                 let place =
                     |p: &[f64; 3]| [p[0], p[1], if p[2] <= level + 1e-9 { level } else { f64::INFINITY }];
                 passes.cut(
-                    &Pass { places: row.places.iter().map(place).collect(), closed: false },
+                    &TipPass { places: row.places.iter().map(place).collect(), closed: false },
                     &at_level,
                     Kind::Rough,
                 );
@@ -69,7 +69,12 @@ impl Sight<'_> {
     }
 
     /// Rows along u over the raster, every other one backwards.
-    fn rows(&self, raster: &Raster, apart_mm: f64, height: impl Fn([f64; 2]) -> f64 + Sync) -> Vec<Pass> {
+    fn rows(
+        &self,
+        raster: &CellGrid,
+        apart_mm: f64,
+        height: impl Fn([f64; 2]) -> f64 + Sync,
+    ) -> Vec<TipPass> {
         let [nu, nv] = raster.dims;
         let (start, end) = (raster.origin_mm, raster.centre(nu - 1, nv - 1));
         let count = ((end[1] - start[1]) / apart_mm).floor() as usize;
@@ -77,7 +82,7 @@ impl Sight<'_> {
             let v = start[1] + n as f64 * apart_mm;
             let step = 1.5 * raster.pitch_mm;
             let places = (0..=((end[0] - start[0]) / step) as usize).map(|k| start[0] + k as f64 * step);
-            let pass = Pass { places: places.map(|u| [u, v, height([u, v])]).collect(), closed: false };
+            let pass = TipPass { places: places.map(|u| [u, v, height([u, v])]).collect(), closed: false };
             let pass = refined(pass, &height);
             if n.is_multiple_of(2) { pass } else { pass.reversed() }
         };

@@ -39,7 +39,7 @@ use std::fmt::Write;
 
 use bonemill_case::prosthesis::GCode;
 
-use crate::machining::{Facing, Job, Move, Side};
+use crate::machining::{Facing, MachiningJob, Side, TipMove};
 
 /// The line above the moves that cut the outline.
 pub const OUTLINE: &str = "(side C: outline)";
@@ -51,7 +51,7 @@ const COMMENT: usize = 200;
 /// The program of some moves. The first places the tip above the block; the program ends there too, the spindle off.
 ///
 /// `made_for` says what it was made for, in a comment. `shortfalls` are why it must not be run: with any, it stops in its first line.
-pub fn write(moves: &[Move], job: &Job, made_for: &str, shortfalls: &[String]) -> String {
+pub fn write(moves: &[TipMove], job: &MachiningJob, made_for: &str, shortfalls: &[String]) -> String {
     let dialect = job.machine.dialect;
     let mut text = Text::default();
     text.head(job, made_for, shortfalls);
@@ -129,7 +129,7 @@ impl Text {
     }
 
     /// What must hold before the first motion, and what is mounted.
-    fn head(&mut self, job: &Job, made_for: &str, shortfalls: &[String]) {
+    fn head(&mut self, job: &MachiningJob, made_for: &str, shortfalls: &[String]) {
         match job.machine.dialect {
             GCode::LinuxCnc => {}
             GCode::Fanuc => self.line("%\nO0001"),
@@ -171,7 +171,7 @@ impl Text {
         self.a_deg = Some(a_deg);
     }
 
-    fn step(&mut self, step: &Move) {
+    fn step(&mut self, step: &TipMove) {
         let machine = Facing::of(step.a_rad).from_block(&step.tip_mm);
         let to_um = [0, 1, 2].map(|n| (machine[n] * 1000.0).round() as i64);
         let rapid = !step.kind.cuts();

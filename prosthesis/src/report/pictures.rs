@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::machining::{Kind, Move, Side};
+use crate::machining::{Kind, Side, TipMove};
 
 use nalgebra::Vector3;
 
@@ -87,7 +87,7 @@ pub(super) fn toolpath(plan: &ProsthesisPlan) -> String {
 }
 
 /// Moves of a side with where they begin.
-fn pairs(moves: &[Move], side: Side) -> impl Iterator<Item = (&Move, &Move)> {
+fn pairs(moves: &[TipMove], side: Side) -> impl Iterator<Item = (&TipMove, &TipMove)> {
     moves.windows(2).filter_map(move |pair| match pair {
         [from, to] if to.side == side && from.side == side && from.a_rad == to.a_rad => Some((from, to)),
         _ => None,

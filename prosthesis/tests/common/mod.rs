@@ -2,7 +2,7 @@
 
 use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
 use bonemill_geometry::{Block, Mesh, Point};
-use bonemill_prosthesis::machining::{Block as Stock, HolderSegment, Job, Tool};
+use bonemill_prosthesis::machining::{Block as Stock, EndMill, HolderSegment, MachiningJob};
 use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 
@@ -78,12 +78,12 @@ pub fn bounds(points: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 /// The published cutter and soft plastic, gaps of 5, 2 and 8 mm, in a block above a grip of 8 mm.
-pub fn job(part: &Mesh<Block>, tool: Tool) -> Job {
+pub fn job(part: &Mesh<Block>, tool: EndMill) -> MachiningJob {
     let (low, high) = bounds(&part.vertices.iter().map(|p| p.coords).collect::<Vec<_>>());
     let gap = Vector3::new(5.0, 2.0, 8.0);
     let (side_load, depth_of_cut) = (0.6, 0.7);
     let strip_mm = side_load * depth_of_cut * tool.diameter_mm();
-    Job {
+    MachiningJob {
         block: Stock { low_mm: low - gap - Vector3::new(0.0, 0.0, 4.0), high_mm: high + gap, grip_mm: 8.0 },
         tool,
         process: ProcessSpec {
@@ -112,8 +112,8 @@ pub fn job(part: &Mesh<Block>, tool: Tool) -> Job {
     }
 }
 
-pub fn flat() -> Tool {
-    Tool {
+pub fn flat() -> EndMill {
+    EndMill {
         radius_mm: 1.5875,
         corner_radius_mm: 0.0,
         flutes: 1,
@@ -122,7 +122,7 @@ pub fn flat() -> Tool {
     }
 }
 
-pub fn proof_job(job: &Job, kept: Vec<[Vector3<f64>; 2]>) -> ProofJob {
+pub fn proof_job(job: &MachiningJob, kept: Vec<[Vector3<f64>; 2]>) -> ProofJob {
     ProofJob {
         low_mm: job.block.low_mm,
         high_mm: job.block.high_mm,

@@ -27,7 +27,7 @@ use nalgebra::{Unit, Vector3};
 
 use bonemill_arm::RobotError;
 pub use bonemill_arm::arm::inverse::RollFrame;
-use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, JointExcess, bone_attached, dls};
+use bonemill_arm::arm::{Arm, AxisPose, InverseKind, JointExcess, ToolGoal, bone_attached, dls};
 use bonemill_arm::ur::Branches;
 use bonemill_arm::ur::ik::wrapped;
 pub use dense::DensePath;
@@ -227,7 +227,7 @@ impl Follower<'_> {
                     return Err(ReachReason::Beyond { short_mm: found.short_mm });
                 };
                 if calibrated {
-                    let refined = dls::solve(self.arm, &Goal::Pose(tool), &solution);
+                    let refined = dls::solve(self.arm, &ToolGoal::Pose(tool), &solution);
                     if !refined.is_within(EXACT) {
                         return Err(ReachReason::Beyond { short_mm: refined.short_mm });
                     }
@@ -238,7 +238,7 @@ impl Follower<'_> {
                 }
             }
             InverseKind::Numeric => {
-                let found = dls::solve(self.arm, &Goal::Axis(*pose), q);
+                let found = dls::solve(self.arm, &ToolGoal::Axis(*pose), q);
                 if found.short_rad > EXACT && found.short_rad * 100.0 > found.short_mm {
                     return Err(ReachReason::Axis { short_rad: found.short_rad });
                 }

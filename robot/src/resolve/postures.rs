@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, dls};
+use bonemill_arm::arm::{Arm, AxisPose, InverseKind, ToolGoal, dls};
 use bonemill_arm::ur::Branches;
 use rayon::prelude::*;
 
@@ -112,7 +112,7 @@ fn spread(
             tries[to] += 1;
             // first with a step toward the middle of the ranges, as when a path is followed; if that fails, without it
             let solved = [drifted(arm, &near, |_| 0.0), near.clone()].into_iter().find_map(|from| {
-                let found = dls::solve(arm, &Goal::Axis(poses[to]), &from);
+                let found = dls::solve(arm, &ToolGoal::Axis(poses[to]), &from);
                 (found.is_within(EXACT) && arm.excess_at(&found.q).is_none()).then_some(found.q)
             });
             if solved.is_some() {

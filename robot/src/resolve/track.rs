@@ -5,7 +5,7 @@
 //! least posture cost first, and the whole path with the least joint motion and posture cost is taken. Every step starts
 //! from the last joint vector, so the branch never changes.
 
-use bonemill_arm::arm::{Arm, AxisPose, Goal, dls};
+use bonemill_arm::arm::{Arm, AxisPose, ToolGoal, dls};
 use nalgebra::DVector;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, yielding};
@@ -53,7 +53,7 @@ fn start_near(arm: &Arm, pose: &AxisPose, near: &[f64]) -> Option<Vec<f64>> {
     if near.len() != arm.dof() {
         return None;
     }
-    let found = dls::solve(arm, &Goal::Axis(*pose), near);
+    let found = dls::solve(arm, &ToolGoal::Axis(*pose), near);
     (found.is_within(EXACT) && arm.excess_at(&found.q).is_none()).then_some(found.q)
 }
 
@@ -62,7 +62,7 @@ pub(super) fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachR
     let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
     let mut nearest = (f64::INFINITY, ReachReason::Jump);
     for k in 0..STARTS {
-        let end = dls::solve(arm, &Goal::Axis(*pose), &arm.start(k));
+        let end = dls::solve(arm, &ToolGoal::Axis(*pose), &arm.start(k));
         if !end.is_within(EXACT) {
             let short = end.short_mm + 100.0 * end.short_rad;
             let reason = if end.short_mm > 100.0 * end.short_rad {
@@ -79,7 +79,7 @@ pub(super) fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachR
         arm.bring_into_range(&mut q);
         for _ in 0..SETTLE {
             let drifted = drifted(arm, &q, |_| 0.0);
-            let settled = dls::solve(arm, &Goal::Axis(*pose), &drifted);
+            let settled = dls::solve(arm, &ToolGoal::Axis(*pose), &drifted);
             if !settled.is_within(EXACT)
                 || arm.excess_at(&settled.q).is_some_and(|_| arm.excess_at(&q).is_none())
             {

@@ -5,7 +5,7 @@
 //! Whether the line is free of what the plan does not know is for the user to confirm.
 
 use bonemill_arm::Arm;
-use bonemill_arm::arm::Goal;
+use bonemill_arm::arm::ToolGoal;
 use bonemill_arm::arm::dls;
 use bonemill_geometry::Rigid;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -96,7 +96,7 @@ fn follow(
     pose: Rigid<bonemill_geometry::Base, bonemill_geometry::Tool>,
     before: &Joints,
 ) -> Result<Joints, String> {
-    let found = dls::solve(arm, &Goal::Pose(pose), &before[..arm.dof()]);
+    let found = dls::solve(arm, &ToolGoal::Pose(pose), &before[..arm.dof()]);
     let joints = found.is_within(EXACT).then(|| padded(&found.q)).flatten();
     joints.ok_or_else(|| {
         format!(

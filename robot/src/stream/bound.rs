@@ -18,7 +18,7 @@
 use rayon::prelude::*;
 
 use crate::stream::plan::StreamPlan;
-use crate::stream::settings::Timing;
+use crate::stream::settings::StreamTiming;
 use crate::stream::tube::{BLOCK, wide_tube};
 pub use crate::stream::tube::{Tube, tube};
 
@@ -68,7 +68,7 @@ impl Failure {
 
     /// How much farther the targets go after it, s of the plan, at the share `rate` of the planned speed.
     fn reaction_s(self, plan: &StreamPlan, rate: f64) -> f64 {
-        let Timing { transport_s, state_age_s, .. } = plan.settings().timing;
+        let StreamTiming { transport_s, state_age_s, .. } = plan.settings().timing;
         let sent_s = transport_s + plan.period_s;
         match self {
             Self::OrdersLost => rate * sent_s,

@@ -261,7 +261,7 @@ impl fmt::Display for SpindleEnd {
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct RunEnd {
     /// Why it was stopped; none where it came to the end.
     pub cause: Option<Cause>,
     /// Whether the arm was seen at rest; if not, it may still move.
@@ -284,7 +284,7 @@ pub struct Outcome {
     pub farthest_off_mm: f64,
 }
 
-impl fmt::Display for Outcome {
+impl fmt::Display for RunEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.cause {
             None => write!(f, "done: {} rows in {:.1} s", self.rows, self.seconds)?,

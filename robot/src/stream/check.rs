@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::stream::bound::{Tube, tube};
 use crate::stream::link::{ArmState, Identity, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL, STOPPED};
 use crate::stream::plan::{Standing, StreamPlan};
-use crate::stream::settings::Timing;
+use crate::stream::settings::StreamTiming;
 use crate::stream::tube::BLOCK;
 use crate::stream::watch::Watch;
 
@@ -155,7 +155,7 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
     let Some((row, tube)) = tubes.max_by(|a, b| missing_mm(a).total_cmp(&missing_mm(b))) else {
         return Ok(());
     };
-    let is_later = plan.settings().timing.lag_s > Timing::ASSUMED.lag_s;
+    let is_later = plan.settings().timing.lag_s > StreamTiming::ASSUMED.lag_s;
     let advice = if rate > 0.0 {
         "stream with --slow"
     } else if is_later {

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crate::stream::cause::{Cause, Event, Outcome, Question};
+use crate::stream::cause::{Cause, Event, Question, RunEnd};
 use crate::stream::link::{ArmLink, Clock};
 use crate::stream::log::LogWriter;
 use crate::stream::session::{Seen, Session};
@@ -26,7 +26,7 @@ pub fn drive<W: Write>(
     clock: &mut impl Clock,
     operator: &mut impl Operator,
     mut log: Option<&mut LogWriter<W>>,
-) -> Outcome {
+) -> RunEnd {
     let mut broken_log = None;
     loop {
         let (state, fault) = (link.state(), link.fault());

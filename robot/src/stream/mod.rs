@@ -34,7 +34,7 @@ mod watch;
 
 pub(crate) use check::{TOOL_MM, TOOL_RAD};
 
-pub use cause::{Cause, Event, Outcome, Question, SpindleEnd};
+pub use cause::{Cause, Event, Question, RunEnd, SpindleEnd};
 pub use drive::{Operator, drive};
 pub use error::StreamError;
 pub use link::{
@@ -42,7 +42,7 @@ pub use link::{
     STOPPED,
 };
 pub use log::{Aside, Log, LogWriter};
-pub use plan::{Hold, Near, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear};
-pub use session::{Seen, Session, Step};
-pub use settings::{Settings, Timing};
+pub use plan::{HoldPlace, Near, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear};
+pub use session::{AfterStep, Seen, Session};
+pub use settings::{Settings, StreamTiming};
 pub use track::Track;

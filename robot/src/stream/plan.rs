@@ -56,7 +56,7 @@ pub struct WaypointNear {
 
 /// A place at which the burr goes back a little and the user is waited for.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hold {
+pub struct HoldPlace {
     /// The row of the trajectory.
     pub row: usize,
     /// What the user is told, such as the structure and its distance.
@@ -79,7 +79,7 @@ pub struct StreamInput<'a> {
     /// All waypoints, in order.
     pub waypoints: Vec<WaypointNear>,
     /// Hold points, by row.
-    pub holds: Vec<Hold>,
+    pub holds: Vec<HoldPlace>,
     /// Whether the case says nothing of where the arm stands.
     pub registration_assumed: bool,
     /// What is known of the files.
@@ -106,7 +106,7 @@ pub struct StreamPlan {
     /// Share of the planned speed at which each row may be passed, 0 to 1; 0 where no speed is slow enough.
     pub rate: Vec<f64>,
     /// Hold points, by row.
-    pub holds: Vec<Hold>,
+    pub holds: Vec<HoldPlace>,
     /// What is known of the files.
     pub standing: Standing,
     /// SHA-256 of the trajectory, hexadecimal.

@@ -9,7 +9,7 @@ use crate::stream::link::Joints;
 
 /// What is assumed of PC, network and controller. The bound stands on these numbers, and the simulated arm keeps them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Timing {
+pub struct StreamTiming {
     /// How far the arm may be behind its targets, s: servoJ with `lookahead_s` 0.03 was measured at 0.034. Assumed.
     pub lag_s: f64,
     /// An order or a state on its way, s: three periods of RTDE at 500 Hz. Assumed.
@@ -30,7 +30,7 @@ const GAIN: f64 = 2000.0;
 /// What servoJ is late by, times its gain, s: 4 ms of the 34 that were measured at a gain of 2000. Assumed.
 const GAIN_S: f64 = 8.0;
 
-impl Timing {
+impl StreamTiming {
     /// The assumptions above.
     pub const ASSUMED: Self = Self {
         lag_s: 0.05,
@@ -93,7 +93,7 @@ impl Timing {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Assumptions on the controller.
-    pub timing: Timing,
+    pub timing: StreamTiming,
     /// Largest distance of the burr from its path, mm; less where less clearance is left.
     pub tolerance_mm: f64,
     /// Share of the clearance that is left which the burr may leave its path by.
@@ -130,7 +130,7 @@ impl Default for Settings {
     /// Limits of this program; none has a source but trials on a simulated arm.
     fn default() -> Self {
         Self {
-            timing: Timing::ASSUMED,
+            timing: StreamTiming::ASSUMED,
             tolerance_mm: 0.5,
             tolerance_share: 0.25,
             shaft_lever_mm: 50.0,

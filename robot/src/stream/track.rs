@@ -28,7 +28,7 @@ pub struct Track {
 
 /// The place of a track that is nearest to a burr.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearest {
+pub struct NearestOnTrack {
     /// Distance to it, mm.
     pub distance_mm: f64,
     /// Where it is, in rows.
@@ -142,8 +142,9 @@ impl Track {
     }
 
     /// The place on the way from `from_row` to `to_row` (at least that) that is nearest to a burr.
-    pub fn nearest(&self, from_row: f64, to_row: f64, burr_mm: &Vector3<f64>) -> Nearest {
-        let mut best = Nearest { distance_mm: (self.burr_at(from_row) - burr_mm).norm(), row: from_row };
+    pub fn nearest(&self, from_row: f64, to_row: f64, burr_mm: &Vector3<f64>) -> NearestOnTrack {
+        let mut best =
+            NearestOnTrack { distance_mm: (self.burr_at(from_row) - burr_mm).norm(), row: from_row };
         let (first, _) = self.between(from_row);
         let (last, _) = self.between(to_row);
         for n in first..=last {
@@ -153,7 +154,7 @@ impl Track {
             let row = (n as f64 + share.clamp(0.0, 1.0)).clamp(from_row, to_row);
             let distance_mm = (self.burr_at(row) - burr_mm).norm();
             if distance_mm < best.distance_mm {
-                best = Nearest { distance_mm, row };
+                best = NearestOnTrack { distance_mm, row };
             }
         }
         best

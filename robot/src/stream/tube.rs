@@ -19,7 +19,7 @@ use nalgebra::Vector3;
 use crate::stream::bend::Curvature;
 use crate::stream::link::Joints;
 use crate::stream::plan::StreamPlan;
-use crate::stream::settings::Timing;
+use crate::stream::settings::StreamTiming;
 use crate::stream::track::Track;
 
 /// How far off its path the burr can be, and the room to structures there.
@@ -82,13 +82,13 @@ const BACK: f64 = 0.25;
 
 /// How much targets older than the backlog count, times how far back they are, s: of a mean with the weights s/τ² exp(−s/τ) of two lags
 /// behind each other.
-fn older_s(timing: Timing, stop_s: f64) -> f64 {
+fn older_s(timing: StreamTiming, stop_s: f64) -> f64 {
     let lags = (timing.lag_s + timing.state_age_s) / timing.follow_s;
     (timing.follow_s * (2.0 + lags) + stop_s * (1.0 + lags)) * (-lags).exp()
 }
 
 /// The same times the square of how far they are from the backlog's middle, s².
-fn older_square_s2(timing: Timing) -> f64 {
+fn older_square_s2(timing: StreamTiming) -> f64 {
     let lags = (timing.lag_s + timing.state_age_s) / timing.follow_s;
     // ∫ (s − L/2)² s/τ² exp(−s/τ) ds from L on
     let moment = 0.25 * lags.powi(3) + 1.25 * lags.powi(2) + 4.0 * lags + 6.0;

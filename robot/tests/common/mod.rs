@@ -1,11 +1,11 @@
 //! A small plan for a UR5e: the burr goes round in a circle beside a nerve, and turns its shaft.
 
-use bonemill_arm::arm::{Goal, dls};
+use bonemill_arm::arm::{ToolGoal, dls};
 use bonemill_arm::ur::UrModel;
 use bonemill_arm::{Arm, ToolMount};
 use bonemill_geometry::Rigid;
 use bonemill_robot::stream::{
-    Hold, Joints, Near, Settings, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear,
+    HoldPlace, Joints, Near, Settings, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear,
 };
 use nalgebra::{Rotation3, Vector3};
 
@@ -38,7 +38,7 @@ pub fn rows(arm: &Arm, seconds: f64, most_mm_s: f64) -> Vec<Joints> {
         let off = Vector3::new(3.0 * angle.sin(), 3.0 * (1.0 - angle.cos()), 0.4 * angle.sin());
         let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), 0.1 * (1.0 - angle.cos()));
         let pose = Rigid::new(turn * start.rotation, start.translation_mm + off);
-        q = dls::solve(arm, &Goal::Pose(pose), &q).q.try_into().unwrap();
+        q = dls::solve(arm, &ToolGoal::Pose(pose), &q).q.try_into().unwrap();
         rows.push(q);
     }
     rows
@@ -50,7 +50,7 @@ pub struct Values {
     pub time_s: Vec<f64>,
     pub q: Vec<f64>,
     pub waypoints: Vec<WaypointNear>,
-    pub holds: Vec<Hold>,
+    pub holds: Vec<HoldPlace>,
     pub registration_assumed: bool,
     pub standing: Standing,
 }

@@ -1,8 +1,8 @@
 //! An arm that is where it was told to be, and a user who answers as told.
 
 use bonemill_robot::stream::{
-    ArmLink, ArmState, Cause, Clock, Event, Identity, Joints, LinkFault, LogWriter, Operator, Order, Outcome,
-    PLAYING, Question, ROBOT_RUNNING, SAFETY_NORMAL, STOPPED, Session, StreamPlan, drive,
+    ArmLink, ArmState, Cause, Clock, Event, Identity, Joints, LinkFault, LogWriter, Operator, Order, PLAYING,
+    Question, ROBOT_RUNNING, RunEnd, SAFETY_NORMAL, STOPPED, Session, StreamPlan, drive,
 };
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -98,7 +98,7 @@ impl Obedient {
         self.orders.iter().filter_map(target).collect()
     }
 
-    pub fn run(&mut self, plan: &StreamPlan, user: &mut User) -> Outcome {
+    pub fn run(&mut self, plan: &StreamPlan, user: &mut User) -> RunEnd {
         let mut session = Session::new(plan, 0.0, 0.0);
         let shared = std::cell::RefCell::new(self);
         drive(&mut session, &mut End(&shared), &mut End(&shared), user, None::<&mut LogWriter<Vec<u8>>>)

@@ -4,10 +4,10 @@
 
 use std::collections::BTreeMap;
 
-use super::outline::Silhouette;
+use super::outline::SeenSurface;
 
 /// The surface with the vertices of every cube of `cell_mm` at that of the cube's first vertex.
-pub(super) fn coarse(silhouette: &Silhouette, cell_mm: f64) -> Silhouette {
+pub(super) fn coarse(silhouette: &SeenSurface, cell_mm: f64) -> SeenSurface {
     let (vertices, triangles) = silhouette.surface();
     let mut first: BTreeMap<[i64; 3], u32> = BTreeMap::new();
     let mut kept = Vec::new();
@@ -22,5 +22,5 @@ pub(super) fn coarse(silhouette: &Silhouette, cell_mm: f64) -> Silhouette {
     }
     let moved = triangles.iter().map(|t| t.map(|v| merged[v as usize]));
     let triangles = moved.filter(|[a, b, c]| a != b && b != c && c != a).collect();
-    Silhouette::new(kept, triangles)
+    SeenSurface::new(kept, triangles)
 }

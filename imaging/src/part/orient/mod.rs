@@ -16,8 +16,8 @@ mod refined;
 use bonemill_geometry::{Block, Mesh, Part, Rigid};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-pub use outline::{Plane, Silhouette};
-pub use published::{ANGLE_STEP_RAD, Run, published};
+pub use outline::{ProjectionPlane, SeenSurface};
+pub use published::{ANGLE_STEP_RAD, OrientationRun, published};
 pub use refined::least_residual;
 
 /// Areas cut away for nothing, by the plane of projection, mm².
@@ -51,7 +51,7 @@ pub struct Laid {
 
 impl Laid {
     /// The part turned by `rotation`, its bounding box around the origin.
-    pub fn turned(mesh: &Mesh<Part>, silhouette: &Silhouette, rotation: &Rotation3<f64>) -> Self {
+    pub fn turned(mesh: &Mesh<Part>, silhouette: &SeenSurface, rotation: &Rotation3<f64>) -> Self {
         let (low, high) = bounds(mesh, rotation);
         Self {
             block_from_part: Rigid::new(*rotation, -(low + high) / 2.0),
@@ -61,7 +61,7 @@ impl Laid {
     }
 
     /// The part as its file gives it.
-    pub fn as_given(mesh: &Mesh<Part>, silhouette: &Silhouette) -> Self {
+    pub fn as_given(mesh: &Mesh<Part>, silhouette: &SeenSurface) -> Self {
         Self::turned(mesh, silhouette, &Rotation3::identity())
     }
 }

@@ -15,7 +15,7 @@ use super::Residual;
 
 /// A plane of projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Plane {
+pub enum ProjectionPlane {
     /// x and y, seen along z.
     Xy,
     /// x and z, seen along y.
@@ -24,7 +24,7 @@ pub enum Plane {
     Yz,
 }
 
-impl Plane {
+impl ProjectionPlane {
     /// All, in the order in which they are turned.
     pub const ALL: [Self; 3] = [Self::Xy, Self::Xz, Self::Yz];
 
@@ -74,7 +74,7 @@ impl Outline {
 
 /// A closed surface, ready to be seen from any side.
 #[derive(Debug, Clone)]
-pub struct Silhouette {
+pub struct SeenSurface {
     vertices: Vec<Vector3<f64>>,
     triangles: Vec<[u32; 3]>,
     /// Every facet's normal, of any length.
@@ -84,7 +84,7 @@ pub struct Silhouette {
     edges: Vec<[u32; 4]>,
 }
 
-impl Silhouette {
+impl SeenSurface {
     /// Of a closed surface that faces outwards.
     pub fn of(mesh: &Mesh<Part>) -> Self {
         Self::new(mesh.vertices.iter().map(|v| v.coords).collect(), mesh.triangles.clone())
@@ -114,14 +114,14 @@ impl Silhouette {
     pub fn residual(&self, rotation: &Rotation3<f64>) -> Residual {
         let area_mm2 = |plane| self.outline(rotation, plane).residual_mm2(0.0);
         let (xy_mm2, (xz_mm2, yz_mm2)) = rayon::join(
-            || area_mm2(Plane::Xy),
-            || rayon::join(|| area_mm2(Plane::Xz), || area_mm2(Plane::Yz)),
+            || area_mm2(ProjectionPlane::Xy),
+            || rayon::join(|| area_mm2(ProjectionPlane::Xz), || area_mm2(ProjectionPlane::Yz)),
         );
         Residual { xy_mm2, xz_mm2, yz_mm2 }
     }
 
     /// The outline on `plane` of the part turned by `rotation`.
-    pub(crate) fn outline(&self, rotation: &Rotation3<f64>, plane: Plane) -> Outline {
+    pub(crate) fn outline(&self, rotation: &Rotation3<f64>, plane: ProjectionPlane) -> Outline {
         bonemill_geometry::cancel::poll();
         let [u, v] = plane.axes().map(|axis| rotation.matrix().row(axis).transpose());
         let flat = |n: &u32| [u.dot(&self.vertices[*n as usize]), v.dot(&self.vertices[*n as usize])];

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use bonemill_geometry::{Mesh, Part};
 use nalgebra::Rotation3;
 
-use super::outline::{Plane, Silhouette};
+use super::outline::{ProjectionPlane, SeenSurface};
 use super::{Laid, outer_side_up};
 
 /// Step of the angle, rad. Assumed.
@@ -21,17 +21,17 @@ const CHANGE_MM2: f64 = 1e-4;
 
 /// The part after one run over the three planes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Run {
+pub struct OrientationRun {
     /// How it lies then.
     pub laid: Laid,
 }
 
 /// The runs of the procedure, from the part as its file gives it; the last one changes nothing of account.
-pub fn published(mesh: &Mesh<Part>, silhouette: &Silhouette) -> Vec<Run> {
+pub fn published(mesh: &Mesh<Part>, silhouette: &SeenSurface) -> Vec<OrientationRun> {
     let mut rotation = Rotation3::identity();
-    let mut runs: Vec<Run> = Vec::new();
+    let mut runs: Vec<OrientationRun> = Vec::new();
     while runs.len() < MOST_RUNS {
-        for plane in Plane::ALL {
+        for plane in ProjectionPlane::ALL {
             let outline = silhouette.outline(&rotation, plane);
             let steps = (PI / ANGLE_STEP_RAD).round() as usize;
             let angle = |step: usize| step as f64 * ANGLE_STEP_RAD;
@@ -47,7 +47,7 @@ pub fn published(mesh: &Mesh<Part>, silhouette: &Silhouette) -> Vec<Run> {
         let laid = Laid::turned(mesh, silhouette, &outer_side_up(mesh, &rotation));
         let before = runs.last().map(|run| run.laid.residual);
         let now = laid.residual;
-        runs.push(Run { laid });
+        runs.push(OrientationRun { laid });
         let unchanged = |b: super::Residual| {
             let changes = [b.xy_mm2 - now.xy_mm2, b.xz_mm2 - now.xz_mm2, b.yz_mm2 - now.yz_mm2];
             changes.iter().all(|c| c.abs() <= CHANGE_MM2)

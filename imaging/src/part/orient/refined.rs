@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use super::coarse::coarse;
-use super::outline::{Outline, Plane, Silhouette};
+use super::outline::{Outline, ProjectionPlane, SeenSurface};
 use super::{Laid, published, sides_in_order};
 
 /// Share of the part's longest side that a cell of the coarser surface has.
@@ -25,7 +25,11 @@ const CALIPER_ROUNDS: usize = 6;
 
 /// The orientation with the least sum of residual areas that the search finds; `runs` are those of the published procedure, whose
 /// end it is never worse than.
-pub fn least_residual(mesh: &Mesh<Part>, silhouette: &Silhouette, runs: &[published::Run]) -> Laid {
+pub fn least_residual(
+    mesh: &Mesh<Part>,
+    silhouette: &SeenSurface,
+    runs: &[published::OrientationRun],
+) -> Laid {
     let size_mm = Laid::as_given(mesh, silhouette).size_mm.max();
     let small = coarse(silhouette, CELL_SHARE * size_mm);
     let end = runs.last().map(|run| run.laid.block_from_part.rotation);
@@ -60,9 +64,9 @@ fn principal_axes(mesh: &Mesh<Part>) -> Rotation3<f64> {
 }
 
 /// Turns each plane to its exact rectangle, as long as the sum of the areas falls.
-fn by_calipers(silhouette: &Silhouette, start: &Rotation3<f64>) -> Rotation3<f64> {
+fn by_calipers(silhouette: &SeenSurface, start: &Rotation3<f64>) -> Rotation3<f64> {
     let mut best = (silhouette.residual(start).sum_mm2(), *start);
-    for plane in Plane::ALL.into_iter().cycle().take(3 * CALIPER_ROUNDS) {
+    for plane in ProjectionPlane::ALL.into_iter().cycle().take(3 * CALIPER_ROUNDS) {
         let turned = plane.turn(-least_angle(&silhouette.outline(&best.1, plane))) * best.1;
         let sum_mm2 = silhouette.residual(&turned).sum_mm2();
         if sum_mm2 < best.0 {
@@ -81,7 +85,7 @@ pub(super) fn least_angle(outline: &Outline) -> f64 {
 }
 
 /// Downhill from `start`: steps about the block's axes, halved from the first to the last of `steps_rad`; the sum reached, mm².
-fn descend(silhouette: &Silhouette, start: &Rotation3<f64>, steps_rad: [f64; 2]) -> (f64, Rotation3<f64>) {
+fn descend(silhouette: &SeenSurface, start: &Rotation3<f64>, steps_rad: [f64; 2]) -> (f64, Rotation3<f64>) {
     let mut best = (silhouette.residual(start).sum_mm2(), *start);
     let mut step_rad = steps_rad[0];
     while step_rad >= steps_rad[1] {

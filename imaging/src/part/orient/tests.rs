@@ -41,9 +41,9 @@ proptest! {
     /// A convex body's shadow is half its surface, each face by the cosine of its inclination (Cauchy).
     #[test]
     fn the_outline_of_a_box_has_the_area_of_its_shadow(turn in rotation(), size in prop::array::uniform3(1.0f64..40.0)) {
-        let silhouette = Silhouette::of(&cuboid(size));
+        let silhouette = SeenSurface::of(&cuboid(size));
         let faces = [size[1] * size[2], size[2] * size[0], size[0] * size[1]];
-        for (plane, along) in [(Plane::Xy, 2), (Plane::Xz, 1), (Plane::Yz, 0)] {
+        for (plane, along) in [(ProjectionPlane::Xy, 2), (ProjectionPlane::Xz, 1), (ProjectionPlane::Yz, 0)] {
             let expected: f64 = (0..3).map(|n| faces[n] * turn.matrix()[(along, n)].abs()).sum();
             let found = silhouette.outline(&turn, plane).area_mm2;
             prop_assert!((found - expected).abs() < 1e-5 * expected, "{plane:?}: {found} {expected}");
@@ -79,8 +79,8 @@ fn a_hole_is_no_part_of_the_outline() {
     }
     let mesh = Mesh { vertices, triangles };
     assert!((mesh.volume_mm3() - 168.0).abs() < 1e-9);
-    let silhouette = Silhouette::of(&mesh);
-    assert!((silhouette.outline(&Rotation3::identity(), Plane::Xy).area_mm2 - 84.0).abs() < 1e-6);
+    let silhouette = SeenSurface::of(&mesh);
+    assert!((silhouette.outline(&Rotation3::identity(), ProjectionPlane::Xy).area_mm2 - 84.0).abs() < 1e-6);
     assert!((silhouette.residual(&Rotation3::identity()).xy_mm2 - 16.0).abs() < 1e-6);
 }
 
@@ -91,7 +91,7 @@ fn a_tilted_box_is_laid_flat_and_in_order() {
         Rotation3::new(Vector3::new(0.4, -0.3, 0.7)),
         Vector3::repeat(9.0),
     ));
-    let silhouette = Silhouette::of(&mesh);
+    let silhouette = SeenSurface::of(&mesh);
     let laid = least_residual(&mesh, &silhouette, &published(&mesh, &silhouette));
     for (found, expected) in laid.size_mm.iter().zip([30.0, 8.0, 20.0]) {
         assert!((found - expected).abs() < 0.05, "{}", laid.size_mm);
@@ -110,7 +110,7 @@ fn a_tilted_box_is_laid_flat_and_in_order() {
 fn the_exact_orientation_is_never_worse_than_the_published_one() {
     for seed in 1..=6 {
         let mesh = Operculum::drawn(seed).mesh(2500);
-        let silhouette = Silhouette::of(&mesh);
+        let silhouette = SeenSurface::of(&mesh);
         let runs = published(&mesh, &silhouette);
         let (first, last) = (runs.first().unwrap().laid.residual, &runs.last().unwrap().laid);
         let given = Laid::as_given(&mesh, &silhouette).residual;
@@ -135,7 +135,7 @@ fn the_exact_orientation_is_never_worse_than_the_published_one() {
 #[test]
 fn the_order_of_threads_changes_nothing() {
     let mesh = Operculum::drawn(3).mesh(1500);
-    let silhouette = Silhouette::of(&mesh);
+    let silhouette = SeenSurface::of(&mesh);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| least_residual(&mesh, &silhouette, &published(&mesh, &silhouette)))

@@ -16,7 +16,7 @@ use crate::calibrate::student_t95;
 
 /// One instant of a plunge through a flat face into bone of the reference density.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlungeRow {
+pub struct PlungeInstant {
     /// Feed, mm a revolution.
     pub feed_mm_rev: f64,
     /// Spindle speed, rpm.
@@ -188,7 +188,7 @@ impl PlungeFitting<'_> {
         (self.with_chisel || e.kind == EdgeKind::Lip) && e.position_mm.z() < depth_mm
     }
 
-    fn shares(&self, row: usize, at: &PlungeRow) -> Result<Vec<Share>, CutterError> {
+    fn shares(&self, row: usize, at: &PlungeInstant) -> Result<Vec<Share>, CutterError> {
         let (elements, copies) = self.elements(at.feed_mm_rev)?;
         let inside = |e: &&EdgeElement| self.is_engaged(e, at.depth_mm);
         let share = |e: &EdgeElement| {
@@ -203,7 +203,7 @@ impl PlungeFitting<'_> {
     ///
     /// # Errors
     /// [`CutterError`] for a feed that the cutter cannot take.
-    pub fn predict(&self, model: &CoefficientModel, at: &PlungeRow) -> Result<[f64; 2], CutterError> {
+    pub fn predict(&self, model: &CoefficientModel, at: &PlungeInstant) -> Result<[f64; 2], CutterError> {
         let (elements, copies) = self.elements(at.feed_mm_rev)?;
         let mut sums = [0.0; 2];
         for e in elements.iter().filter(|e| self.is_engaged(e, at.depth_mm)) {
@@ -220,7 +220,7 @@ impl PlungeFitting<'_> {
     ///
     /// # Errors
     /// [`PlungeFitError`] when the log cannot tell them.
-    pub fn fit(&self, log: &[PlungeRow]) -> Result<PlungeFit, PlungeFitError> {
+    pub fn fit(&self, log: &[PlungeInstant]) -> Result<PlungeFit, PlungeFitError> {
         let mut shares = Vec::new();
         for (row, at) in log.iter().enumerate() {
             let numbers = [at.feed_mm_rev, at.spindle_rpm, at.depth_mm, at.thrust_n, at.torque_nmm];
@@ -240,7 +240,7 @@ impl PlungeFitting<'_> {
 
     fn solve(
         &self,
-        log: &[PlungeRow],
+        log: &[PlungeInstant],
         rows: &[usize],
         shares: &[Share],
     ) -> Result<PlungeFit, PlungeFitError> {

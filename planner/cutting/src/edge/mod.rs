@@ -38,5 +38,5 @@ mod tests;
 
 pub use coefficients::{CoefficientModel, Cut};
 pub use element::{element_force, force_directions, uncut_area_mm2};
-pub use fit::{PlungeFit, PlungeFitError, PlungeFitting, PlungeRow, Regression};
+pub use fit::{PlungeFit, PlungeFitError, PlungeFitting, PlungeInstant, Regression};
 pub use loads::{CutterForce, EdgeLoad, EdgeLoads};

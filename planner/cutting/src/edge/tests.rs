@@ -168,15 +168,15 @@ fn regressions_give_what_they_say() {
 }
 
 /// Rows of an entry at the four feeds and speeds of Faieghi et al. III-A, with what the model gives, times 1 + `noise` · u.
-fn entries(fitting: &PlungeFitting<'_>, truth: &CoefficientModel, noise: f64) -> Vec<PlungeRow> {
+fn entries(fitting: &PlungeFitting<'_>, truth: &CoefficientModel, noise: f64) -> Vec<PlungeInstant> {
     let mut rows = Vec::new();
     for (feed_mm_rev, spindle_rpm) in [(0.01, 500.0), (0.02, 500.0), (0.01, 3000.0), (0.02, 3000.0)] {
         for n in 0..40 {
             let depth_mm = 0.02 * f64::from(n + 1);
-            let row = PlungeRow { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
+            let row = PlungeInstant { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
             let [thrust_n, torque_nmm] = fitting.predict(truth, &row).unwrap();
             let u = |k: f64| noise * (k * 12.9898 + 78.233 * rows.len() as f64).sin();
-            rows.push(PlungeRow {
+            rows.push(PlungeInstant {
                 thrust_n: thrust_n * (1.0 + u(1.0)),
                 torque_nmm: torque_nmm * (1.0 + u(2.0)),
                 ..row
@@ -231,10 +231,10 @@ fn logs_that_cannot_tell_are_refused() {
     let truth = CoefficientModel::Constant([150.0, 60.0]);
     let all = entries(&fitting(Regression::Constant), &truth, 0.01);
     // the full lips at one feed and speed: many rows, one number
-    let row = PlungeRow { depth_mm: 2.0, ..all[39] };
+    let row = PlungeInstant { depth_mm: 2.0, ..all[39] };
     let found = fitting(Regression::Rake).fit(&[row; 50]);
     assert!(matches!(found, Err(PlungeFitError::Alike { .. })), "{found:?}");
-    let air = PlungeRow { depth_mm: -1.0, ..row };
+    let air = PlungeInstant { depth_mm: -1.0, ..row };
     assert_eq!(
         fitting(Regression::Rake).fit(&[air; 50]),
         Err(PlungeFitError::TooFew { found: 0, needed: 3 })
@@ -242,7 +242,7 @@ fn logs_that_cannot_tell_are_refused() {
     let mut broken = all.clone();
     broken[7].thrust_n = f64::NAN;
     assert_eq!(fitting(Regression::Rake).fit(&broken), Err(PlungeFitError::Row { row: 7 }));
-    broken[7] = PlungeRow { feed_mm_rev: 9.0, ..all[7] };
+    broken[7] = PlungeInstant { feed_mm_rev: 9.0, ..all[7] };
     assert!(matches!(fitting(Regression::Rake).fit(&broken), Err(PlungeFitError::Cutter(_))));
 }
 

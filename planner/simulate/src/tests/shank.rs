@@ -41,7 +41,7 @@ fn a_ledge_above_the_burr_stops_it_where_the_shank_meets_it() {
     assert!(contact.depth_mm > 0.0 && contact.depth_mm < 0.06, "{contact:?}");
     assert!((contact.at.y() - 1.125).abs() < 1e-9 && contact.at.z() > 4.0, "{contact:?}");
     assert!((contact.along_mm - contact.at.z()).abs() < 1e-9);
-    assert_eq!(contact.kind, Kind::Bone);
+    assert_eq!(contact.kind, VoxelKind::Bone);
     // the burr can still move elsewhere
     let away = engine.step(to(engine.pose(), pose(0.0, -4.0, 0.0))).unwrap();
     assert!(away.contact.is_none());

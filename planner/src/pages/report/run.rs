@@ -8,7 +8,7 @@ use bonemill_verify::Short;
 
 use super::chart::{Series, chart};
 use super::escape;
-use crate::pages::run::{Executed, RunComparison};
+use crate::pages::run::{ExecutedStep, RunComparison};
 
 /// Events that the page lists.
 const LISTED: usize = 200;
@@ -55,7 +55,7 @@ fn verdict(run: &RunComparison) -> String {
 }
 
 fn cards(run: &RunComparison) -> String {
-    let largest = |value: &dyn Fn(&Executed) -> f64| run.steps.iter().map(value).fold(0.0, f64::max);
+    let largest = |value: &dyn Fn(&ExecutedStep) -> f64| run.steps.iter().map(value).fold(0.0, f64::max);
     let mut cards = vec![
         (
             "farthest of the tool from its path at the log's entries, by its joints".to_owned(),
@@ -91,7 +91,7 @@ fn cards(run: &RunComparison) -> String {
 }
 
 fn charts(run: &RunComparison) -> String {
-    let one = |name, class, value: &dyn Fn(&Executed) -> Option<f64>| Series {
+    let one = |name, class, value: &dyn Fn(&ExecutedStep) -> Option<f64>| Series {
         name,
         class,
         points: run.steps.iter().map(|s| (s.time_s, value(s))).collect(),

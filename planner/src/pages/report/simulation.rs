@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use bonemill_case::Case;
 use bonemill_planfile::Value;
-use bonemill_simulate::{Kind, Simulation, SimulationRow};
+use bonemill_simulate::{Simulation, SimulationRow, VoxelKind};
 
 use super::chart::{Series, chart};
 use super::escape;
@@ -95,17 +95,17 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
         ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
         ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
     ];
-    for kind in Kind::ALL {
+    for kind in VoxelKind::ALL {
         let (volume, mass) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         if volume > 0.0 {
             let what = match kind {
-                Kind::Sheet => "removed specks and sheets beside the target",
-                Kind::Material => "removed target below the threshold of bone",
-                Kind::Bone if is_channel => "removed bone",
-                Kind::Bone => "removed bone of the target",
-                Kind::Obstacle => "removed bone outside the target but specks and sheets",
-                Kind::Structure => "removed from structures",
+                VoxelKind::Sheet => "removed specks and sheets beside the target",
+                VoxelKind::Material => "removed target below the threshold of bone",
+                VoxelKind::Bone if is_channel => "removed bone",
+                VoxelKind::Bone => "removed bone of the target",
+                VoxelKind::Obstacle => "removed bone outside the target but specks and sheets",
+                VoxelKind::Structure => "removed from structures",
             };
             out.push((what.into(), format!("{volume:.1} mm³, {mass:.0} mg")));
         }
@@ -149,7 +149,10 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
 
 /// Bone outside the target that a simulation removes, specks and sheets included, mm³.
 fn untargeted_by_parts_mm3(simulation: &Simulation) -> f64 {
-    [Kind::Obstacle, Kind::Sheet].map(|kind| simulation.removed.volume_mm3[kind as usize]).iter().sum()
+    [VoxelKind::Obstacle, VoxelKind::Sheet]
+        .map(|kind| simulation.removed.volume_mm3[kind as usize])
+        .iter()
+        .sum()
 }
 
 /// Names and values of a simulation's figures, for machines; names end in units. A name that a plan's figures have too has the same value:
@@ -157,7 +160,7 @@ fn untargeted_by_parts_mm3(simulation: &Simulation) -> f64 {
 pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
     let structures = case.structures.iter().zip(&simulation.structures);
     let structures = structures.map(|(s, found)| (s.name.clone(), found.value("row")));
-    let removed = Kind::ALL.into_iter().map(|kind| {
+    let removed = VoxelKind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         let amount = vec![("mm3".into(), mm3.into()), ("mg".into(), mg.into())];

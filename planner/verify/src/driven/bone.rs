@@ -10,14 +10,14 @@ use super::super::target::TargetRule;
 
 /// What has mass: in the target all that is above `air_hu`, elsewhere bone. Soft tissue outside the target is retracted.
 #[derive(Debug)]
-pub struct Bone<'a> {
+pub struct MassAround<'a> {
     anatomy: &'a Anatomy,
     density: &'a Density,
     inside: Inside<'a>,
     ct_from_grid: Rigid<Ct, Work>,
 }
 
-impl<'a> Bone<'a> {
+impl<'a> MassAround<'a> {
     /// The bone of a case. `around`: a grid around the target.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Computes the burr's force along the driven motion, and checks what the plan states about it.
 //!
 //! The burr follows the trajectory ([`DrivenPath`]). At the end of each step the sum over its surface ([`BurrSum`]) counts the bone of
-//! the images ([`Bone`]) that no earlier piece of the driven path has removed ([`Covered`]). Where the trajectory cuts a corner, a skin of
+//! the images ([`MassAround`]) that no earlier piece of the driven path has removed ([`Covered`]). Where the trajectory cuts a corner, a skin of
 //! bone stays; it gives force when the burr comes back, whether that move is a cut or a link. However thin the skin is, all of the
 //! burr's surface that moves into it cuts.
 //!
@@ -20,9 +20,9 @@ use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use self::bone::Bone;
+use self::bone::MassAround;
 use self::covered::Covered;
-use self::path::{DrivenPath, Step};
+use self::path::{DrivenPath, PieceStep};
 use self::sum::{BurrSum, Engaged};
 use super::check::{Check, Place};
 use super::extents::scan_box;
@@ -60,7 +60,7 @@ struct DrivenForce<'a> {
 struct Instant<'a> {
     /// Its index among the instants.
     index: usize,
-    step: &'a Step,
+    step: &'a PieceStep,
     engaged: Engaged,
 }
 
@@ -98,7 +98,7 @@ impl<'a> DrivenForce<'a> {
         let ct_from_grid = plan.record.frames.ct_from_grid();
         let dims = plan.record.frames.grid.dims;
         let grid = Grid::aligned(dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
-        let bone = Bone::new(target, &case.density, ct_from_grid, &grid)?;
+        let bone = MassAround::new(target, &case.density, ct_from_grid, &grid)?;
         let turning = plan.record.burr();
         let burr = BurrSum::new(&turning, &case.material, NODES);
         let space = swept_box(path, scan_box(anatomy, &ct_from_grid.inverse()), case.burr.radius_mm);
@@ -114,7 +114,7 @@ impl<'a> DrivenForce<'a> {
         density_g_cm3: impl Fn(Point<Work>) -> f64 + Sync,
     ) -> Self {
         let covered = Covered::new(&path.pieces, burr.radius_mm, sum.patch_mm(), space);
-        let at = |step: &'a Step| {
+        let at = |step: &'a PieceStep| {
             cancel::poll();
             let engaged = sum.engaged(&axes[step.row], &step.direction, step.end_mm_s, |normal, patch| {
                 let p = step.center + normal * burr.radius_mm;

@@ -28,12 +28,12 @@ pub struct DrivenPath {
     /// Its pieces in the order of time; each one's number is its index.
     pub pieces: Vec<MoveSegment>,
     /// The steps in the order of time.
-    pub steps: Vec<Step>,
+    pub steps: Vec<PieceStep>,
 }
 
 /// A part of a piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Step {
+pub struct PieceStep {
     /// The index of its piece.
     pub piece: u32,
     /// The burr's centre at its end, mm in work.
@@ -82,7 +82,7 @@ impl DrivenPath {
         let count = ((length_mm / STEP_MM - 1e-9).ceil() as usize).clamp(1, MOST_STEPS);
         let step_mm = length_mm / count as f64;
         let first = self.steps.len();
-        self.steps.extend((0..count).map(|n| Step {
+        self.steps.extend((0..count).map(|n| PieceStep {
             piece,
             center: a + direction * ((n + 1) as f64 * step_mm),
             direction,
@@ -123,7 +123,7 @@ struct RowWay {
     row: usize,
 }
 
-impl Step {
+impl PieceStep {
     /// Adds the part of a row's way that lies in the step, which is given by its start and end along the piece, mm.
     fn add(&mut self, way: &RowWay, [start_mm, end_mm]: [f64; 2]) {
         let on_mm = way.to_mm.min(end_mm) - way.from_mm.max(start_mm);
@@ -208,7 +208,7 @@ mod tests {
         assert!((way - (2.9 + 0.05 * std::f64::consts::PI + 1.9)).abs() < 0.003, "{way}");
         // 2.9 mm in 500 rows of 2 ms
         assert!((path.steps[5].end_mm_s - 2.9).abs() < 1e-9 && (path.steps[5].mean_mm_s - 2.9).abs() < 1e-9);
-        let far = |s: &Step| (executed.points[s.row] - s.center).norm();
+        let far = |s: &PieceStep| (executed.points[s.row] - s.center).norm();
         assert!(
             path.steps.iter().all(|s| far(s) < 0.06),
             "{:?}",

@@ -36,7 +36,7 @@ struct Node {
 
 /// The patch of the surface for which a node stands.
 #[derive(Debug, Clone, Copy)]
-pub struct Patch<'a> {
+pub struct NodePatch<'a> {
     node: &'a Node,
     tool_from_work: &'a Matrix3<f64>,
     sides_mm: [f64; 2],
@@ -72,7 +72,7 @@ impl Engaged {
     }
 }
 
-impl Patch<'_> {
+impl NodePatch<'_> {
     /// The patch's two sides projected onto a unit direction in work, mm.
     #[inline]
     pub fn sides_mm(&self, direction: &Vector3<f64>) -> [f64; 2] {
@@ -138,7 +138,7 @@ impl BurrSum {
         axis: &Vector3<f64>,
         feed: &Vector3<f64>,
         speed_mm_s: f64,
-        mut weight: impl FnMut(&Vector3<f64>, &Patch<'_>) -> f64,
+        mut weight: impl FnMut(&Vector3<f64>, &NodePatch<'_>) -> f64,
     ) -> Engaged {
         let work_from_tool = basis::from_z(axis).into_inner();
         let tool_from_work = work_from_tool.transpose();
@@ -154,7 +154,7 @@ impl BurrSum {
                 continue;
             }
             let sides_mm = [self.along_mm, self.around_mm(node.sin)];
-            let patch = Patch { node, tool_from_work: &tool_from_work, sides_mm };
+            let patch = NodePatch { node, tool_from_work: &tool_from_work, sides_mm };
             let w = weight(&(work_from_tool * node.normal), &patch);
             if w <= 0.0 {
                 continue;

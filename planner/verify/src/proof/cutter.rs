@@ -10,14 +10,14 @@ const PLACE_MM: f64 = 5e-4;
 
 /// A cutter by its radii, mm.
 #[derive(Debug, Clone, Copy)]
-pub struct Cutter {
+pub struct CutterShape {
     /// Radius, mm.
     pub radius_mm: f64,
     /// Radius of the corner, mm.
     pub corner_mm: f64,
 }
 
-impl Cutter {
+impl CutterShape {
     /// Signed distance of a point, given from the tip in the machine's axes, mm.
     pub fn distance_mm(&self, from_tip: &Vector3<f64>) -> f64 {
         let length = |a: f64, b: f64| (a * a + b * b).sqrt();

@@ -7,8 +7,8 @@ use bonemill_geometry::{Block, Mesh, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::proof::cutter::Cutter;
-use crate::proof::gcode::{Facing, Motion};
+use crate::proof::cutter::CutterShape;
+use crate::proof::gcode::{ProgramMove, SideUp};
 use crate::proof::{ProofError, ProofJob};
 
 /// Most points that are taken.
@@ -20,7 +20,7 @@ const NEAR_MM: f64 = 0.2;
 
 /// A point of the part's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct SurfaceSample {
     /// Where it is, block's frame, mm.
     pub at_mm: Vector3<f64>,
     /// Area that it stands for, mm²; 0 for vertices.
@@ -46,7 +46,7 @@ pub struct UncutPlace {
 ///
 /// # Errors
 /// [`ProofError::Mesh`] for a facet without three finite vertices, [`ProofError::TooFine`] where there would be too many.
-pub fn samples(part: &Mesh<Block>, apart_mm: f64) -> Result<Vec<Sample>, ProofError> {
+pub fn samples(part: &Mesh<Block>, apart_mm: f64) -> Result<Vec<SurfaceSample>, ProofError> {
     let corner = |n: u32| part.vertices.get(n as usize).filter(|p| p.is_finite()).map(|p| p.coords);
     let mut found = Vec::new();
     for (facet, t) in part.triangles.iter().enumerate() {
@@ -57,19 +57,19 @@ pub fn samples(part: &Mesh<Block>, apart_mm: f64) -> Result<Vec<Sample>, ProofEr
         }
     }
     let vertices = part.vertices.iter().filter(|p| p.is_finite());
-    found.extend(vertices.map(|p| Sample { at_mm: p.coords, area_mm2: 0.0, deviation_mm: 0.0 }));
+    found.extend(vertices.map(|p| SurfaceSample { at_mm: p.coords, area_mm2: 0.0, deviation_mm: 0.0 }));
     Ok(found)
 }
 
 /// Halves a triangle across its longest edge until that is short enough, and adds the middles; no more than are taken in all.
-fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Sample>) {
+fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<SurfaceSample>) {
     let mut stack = vec![triangle];
     while let Some([a, b, c]) = stack.pop() {
         let edges = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
         let longest = edges.into_iter().fold(0.0, f64::max);
         if longest <= apart_mm || into.len() > MOST_POINTS {
             let area_mm2 = 0.5 * (b - a).cross(&(c - a)).norm();
-            into.push(Sample { at_mm: (a + b + c) / 3.0, area_mm2, deviation_mm: 0.0 });
+            into.push(SurfaceSample { at_mm: (a + b + c) / 3.0, area_mm2, deviation_mm: 0.0 });
         } else if edges[0] == longest {
             let middle = 0.5 * (a + b);
             stack.extend([[a, middle, c], [middle, b, c]]);
@@ -84,10 +84,10 @@ fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Sample>
 }
 
 /// Fills in every sample's deviation.
-pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
-    let cutter = Cutter { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
+pub fn measure(samples: &mut [SurfaceSample], motions: &[ProgramMove], job: &ProofJob) {
+    let cutter = CutterShape { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
     let swept = |reach: f64| {
-        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job, job.radius_mm + reach))
+        [SideUp::Front, SideUp::Back].map(|facing| Swept::of(motions, facing, job, job.radius_mm + reach))
     };
     let (near, far) = (swept(NEAR_MM), swept(FARTHEST_MM));
     samples.par_iter_mut().for_each(|sample| {
@@ -105,7 +105,7 @@ pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
 
 /// Motions of one side in square buckets over the block's X and Y, those that reach lowest first. Motions beside or above the block are in none.
 struct Swept {
-    facing: Facing,
+    facing: SideUp,
     origin: [f64; 2],
     side: f64,
     dims: [usize; 2],
@@ -114,7 +114,7 @@ struct Swept {
 }
 
 impl Swept {
-    fn of(all: &[Motion], facing: Facing, job: &ProofJob, reach: f64) -> Self {
+    fn of(all: &[ProgramMove], facing: SideUp, job: &ProofJob, reach: f64) -> Self {
         let this_side = all.iter().filter(|m| m.facing == facing && !m.turns);
         let motions: Vec<[Vector3<f64>; 2]> = this_side.map(|m| [m.from_mm, m.to_mm]).collect();
         let corners = [facing.machine(&job.low_mm), facing.machine(&job.high_mm)];
@@ -161,7 +161,7 @@ impl Swept {
     }
 
     /// The least of `best` and the distances of a point to what these motions sweep, mm.
-    fn nearest_mm(&self, at_mm: &Vector3<f64>, cutter: &Cutter, mut best: f64) -> f64 {
+    fn nearest_mm(&self, at_mm: &Vector3<f64>, cutter: &CutterShape, mut best: f64) -> f64 {
         let p = self.facing.machine(at_mm);
         let cell = |axis: usize| {
             let n = (p[axis] - self.origin[axis]) / self.side;
@@ -191,9 +191,9 @@ fn across_mm(p: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
 }
 
 /// Groups of samples with more than `above_mm` left on them; samples nearer than about `apart_mm` are one place. The largest first.
-pub fn places(samples: &[&Sample], above_mm: f64, apart_mm: f64) -> Vec<UncutPlace> {
+pub fn places(samples: &[&SurfaceSample], above_mm: f64, apart_mm: f64) -> Vec<UncutPlace> {
     let cell = |p: &Vector3<f64>| [0, 1, 2].map(|n| (p[n] / apart_mm).floor() as i64);
-    let mut cells = std::collections::BTreeMap::<[i64; 3], Vec<&Sample>>::new();
+    let mut cells = std::collections::BTreeMap::<[i64; 3], Vec<&SurfaceSample>>::new();
     for sample in samples.iter().filter(|s| s.deviation_mm > above_mm) {
         cells.entry(cell(&sample.at_mm)).or_default().push(sample);
     }
@@ -213,8 +213,8 @@ pub fn places(samples: &[&Sample], above_mm: f64, apart_mm: f64) -> Vec<UncutPla
     found
 }
 
-fn place(group: &[&Sample]) -> UncutPlace {
-    let sum = |of: &dyn Fn(&Sample) -> f64| group.iter().map(|s| of(s)).sum::<f64>();
+fn place(group: &[&SurfaceSample]) -> UncutPlace {
+    let sum = |of: &dyn Fn(&SurfaceSample) -> f64| group.iter().map(|s| of(s)).sum::<f64>();
     let middle = group.iter().fold(Vector3::zeros(), |sum, s| sum + s.at_mm) / group.len().max(1) as f64;
     UncutPlace {
         at_mm: middle,

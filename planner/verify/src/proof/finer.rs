@@ -5,7 +5,7 @@
 
 use crate::proof::ProofJob;
 use crate::proof::dexels::{Columns, Width};
-use crate::proof::gcode::{Facing, Motion};
+use crate::proof::gcode::{ProgramMove, SideUp};
 
 /// Columns of the second measure across one of the first.
 pub(crate) const FINER: f64 = 4.0;
@@ -24,10 +24,15 @@ pub(crate) struct Finer {
 
 /// Width of cut of the last of some motions, on finer columns around it that all motions before have cut, mm. `kept`: those of a motion before,
 /// which go on where they reach far enough: motions that are looked at twice come one after the other.
-pub(crate) fn finer_width_mm(motions: &[Motion], job: &ProofJob, cell: f64, kept: &mut Option<Finer>) -> f64 {
+pub(crate) fn finer_width_mm(
+    motions: &[ProgramMove],
+    job: &ProofJob,
+    cell: f64,
+    kept: &mut Option<Finer>,
+) -> f64 {
     let Some(last) = motions.last() else { return 0.0 };
-    let bounds = |m: &Motion| {
-        let turn = if m.facing == Facing::Front { -1.0 } else { 1.0 };
+    let bounds = |m: &ProgramMove| {
+        let turn = if m.facing == SideUp::Front { -1.0 } else { 1.0 };
         let (a, b) = ([m.from_mm.x, turn * m.from_mm.y], [m.to_mm.x, turn * m.to_mm.y]);
         [0, 1].map(|n| (a[n].min(b[n]), a[n].max(b[n])))
     };
@@ -50,7 +55,7 @@ pub(crate) fn finer_width_mm(motions: &[Motion], job: &ProofJob, cell: f64, kept
         None => kept.insert(new()),
     };
     let window = finer.window;
-    let is_near = |m: &&Motion| {
+    let is_near = |m: &&ProgramMove| {
         let bounds = bounds(m);
         let r = job.radius_mm;
         !m.turns && (0..2).all(|n| bounds[n].0 <= window[n].1 + r && bounds[n].1 >= window[n].0 - r)

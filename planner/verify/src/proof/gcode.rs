@@ -14,14 +14,14 @@ use crate::proof::ProofError;
 
 /// Which side faces the spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Facing {
+pub enum SideUp {
     /// A = 0.
     Front,
     /// A = ±180°.
     Back,
 }
 
-impl Facing {
+impl SideUp {
     /// The block's frame to the machine's axes.
     pub fn machine(self, p: &Vector3<f64>) -> Vector3<f64> {
         match self {
@@ -33,13 +33,13 @@ impl Facing {
 
 /// A straight motion of the tip in the machine's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
+pub struct ProgramMove {
     /// Start, mm.
     pub from_mm: Vector3<f64>,
     /// End, mm.
     pub to_mm: Vector3<f64>,
     /// Side that faces the spindle.
-    pub facing: Facing,
+    pub facing: SideUp,
     /// Angle of the rotary axis at its end, degrees.
     pub a_deg: f64,
     /// G0.
@@ -58,7 +58,7 @@ pub struct Motion {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Program {
     /// Motions in their order.
-    pub motions: Vec<Motion>,
+    pub motions: Vec<ProgramMove>,
 }
 
 /// Z of the machine's top, mm: above every block and holder.
@@ -158,7 +158,7 @@ fn words(line: &str) -> Result<Vec<(char, f64)>, String> {
 }
 
 impl Machine {
-    fn run(&mut self, words: &[(char, f64)], line: usize) -> Result<Option<Motion>, String> {
+    fn run(&mut self, words: &[(char, f64)], line: usize) -> Result<Option<ProgramMove>, String> {
         if self.ended && !words.is_empty() {
             return Err("the program goes on after its end".into());
         }
@@ -259,7 +259,7 @@ impl Machine {
     }
 
     /// Up to the machine's top, from wherever the tip is.
-    fn retract_to_top(&mut self, line: usize) -> Result<Option<Motion>, String> {
+    fn retract_to_top(&mut self, line: usize) -> Result<Option<ProgramMove>, String> {
         if self.rapid != Some(true) {
             return Err("G53 with G0 was expected".into());
         }
@@ -277,9 +277,9 @@ impl Machine {
         to_mm: Vector3<f64>,
         a_deg: f64,
         line: usize,
-    ) -> Result<Motion, String> {
+    ) -> Result<ProgramMove, String> {
         let (facing, spindle_rpm) = (facing(a_deg)?, self.speed_rpm);
-        Ok(Motion {
+        Ok(ProgramMove {
             from_mm,
             to_mm,
             facing,
@@ -297,7 +297,7 @@ impl Machine {
         target: [Option<f64>; 3],
         a_deg: Option<f64>,
         line: usize,
-    ) -> Result<Option<Motion>, String> {
+    ) -> Result<Option<ProgramMove>, String> {
         let rapid = self.rapid.ok_or("a motion without G0 or G1")?;
         if !(self.millimetres && self.absolute) {
             return Err("a motion before G21 and G90".into());
@@ -325,7 +325,7 @@ impl Machine {
         if turns && !rapid {
             return Err("A turns while the cutter cuts".into());
         }
-        let mut motion = Motion { turns, ..self.rapid_motion(from_mm, to_mm, a_deg, line)? };
+        let mut motion = ProgramMove { turns, ..self.rapid_motion(from_mm, to_mm, a_deg, line)? };
         if !rapid {
             (motion.rapid, motion.feed_mm_min) = (false, self.feed_mm_min);
         }
@@ -337,7 +337,7 @@ impl Machine {
         &mut self,
         (at, a_before): ([Option<f64>; 3], Option<f64>),
         line: usize,
-    ) -> Result<Option<Motion>, String> {
+    ) -> Result<Option<ProgramMove>, String> {
         if self.rapid != Some(true) {
             return Err("a cut with Z at the machine's top".into());
         }
@@ -361,10 +361,10 @@ impl Machine {
 }
 
 /// The side at an angle of the rotary axis, degrees.
-fn facing(a_deg: f64) -> Result<Facing, String> {
+fn facing(a_deg: f64) -> Result<SideUp, String> {
     match a_deg.rem_euclid(360.0) {
-        a if !(1e-6..=360.0 - 1e-6).contains(&a) => Ok(Facing::Front),
-        a if (a - 180.0).abs() < 1e-6 => Ok(Facing::Back),
+        a if !(1e-6..=360.0 - 1e-6).contains(&a) => Ok(SideUp::Front),
+        a if (a - 180.0).abs() < 1e-6 => Ok(SideUp::Back),
         a => Err(format!("A is {a}°, expected 0 or 180°")),
     }
 }

@@ -27,10 +27,10 @@ use bonemill_geometry::{Block, Mesh};
 use nalgebra::Vector3;
 
 pub use chip::Chip;
-pub use deviation::{Sample, UncutPlace};
+pub use deviation::{SurfaceSample, UncutPlace};
 pub use dexels::{Collision, Struck, WideCut};
 pub use error::ProofError;
-pub use gcode::{Motion, Program};
+pub use gcode::{Program, ProgramMove};
 pub use hold::LoosePiece;
 
 /// What the program is judged with, in plain numbers.
@@ -68,7 +68,7 @@ pub struct ProofJob {
 #[derive(Debug, Clone)]
 pub struct Proof {
     /// Points of the part's surface and their deviation.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<SurfaceSample>,
     /// Deepest cut into the part, mm, 0 if there is none.
     pub deepest_gouge_mm: f64,
     /// Where that is, block's frame, mm.
@@ -135,7 +135,7 @@ impl Proof {
 
     /// Places where more than `above_mm` of stock is left on the part, outside the boxes in which it shall stay.
     pub fn uncut(&self, above_mm: f64, job: &ProofJob) -> Vec<UncutPlace> {
-        let outside: Vec<&Sample> = self.samples.iter().filter(|s| !job.keeps(&s.at_mm)).collect();
+        let outside: Vec<&SurfaceSample> = self.samples.iter().filter(|s| !job.keeps(&s.at_mm)).collect();
         deviation::places(&outside, above_mm, 4.0 * job.sample_mm)
     }
 

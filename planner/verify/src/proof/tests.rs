@@ -3,7 +3,7 @@
 use bonemill_geometry::{Block, Mesh, Point};
 use nalgebra::Vector3;
 
-use crate::proof::gcode::{self, Facing};
+use crate::proof::gcode::{self, SideUp};
 use crate::proof::{ProofError, ProofJob, Struck, prove};
 
 const HEAD: &str = "G21 G90 G94\nG53 G0 Z0\nG0 X0 Y0 A0\nG0 Z30 S8000 M3\n";
@@ -74,10 +74,10 @@ fn deviation_is_that_of_brute_force_for_a_sloping_bull_nose() {
     let text = format!("{HEAD}G0 X-3 Y-1\nG1 Z2.1 F300\nG1 X3 Y1.5 Z3.3\nG0 Z30\nM5\nM30\n");
     let part = part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]);
     let proof = prove(&text, &part, &job).unwrap();
-    let cutter = crate::proof::cutter::Cutter { radius_mm: 1.5, corner_mm: 0.6 };
+    let cutter = crate::proof::cutter::CutterShape { radius_mm: 1.5, corner_mm: 0.6 };
     let motions = gcode::read(&text).unwrap().motions;
     for sample in proof.samples.iter().step_by(97) {
-        let p = Facing::Front.machine(&sample.at_mm);
+        let p = SideUp::Front.machine(&sample.at_mm);
         let mut least: f64 =
             (0..3).map(|n| 10.0_f64.min([10.0, 5.0, 10.0][n] - sample.at_mm[n].abs())).fold(3.0, f64::min);
         for motion in &motions {

@@ -29,7 +29,7 @@ const DONE_MM: f64 = 1e-12;
 
 /// The goal of the tool, in the work frame ([`super::Mount`]).
 #[derive(Debug, Clone, Copy)]
-pub enum Goal {
+pub enum ToolGoal {
     /// A full pose.
     Pose(Rigid<Base, Tool>),
     /// A point and an axis; the roll about the axis is free.
@@ -55,7 +55,7 @@ impl NumericSolution {
 }
 
 /// Searches from `start`, which must be a joint vector of the arm.
-pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> NumericSolution {
+pub fn solve(arm: &Arm, goal: &ToolGoal, start: &[f64]) -> NumericSolution {
     let weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
     let mut q = start.to_vec();
     let mut error = error(arm, goal, &q);
@@ -113,12 +113,12 @@ fn keep_in_range(arm: &Arm, q: &mut [f64]) {
 }
 
 /// The remaining error: mm, and rad × lever.
-fn error(arm: &Arm, goal: &Goal, q: &[f64]) -> Vector6<f64> {
+fn error(arm: &Arm, goal: &ToolGoal, q: &[f64]) -> Vector6<f64> {
     let tool = arm.tool_at(q);
     let now = tool.rotation.matrix();
     let (position, turn) = match goal {
-        Goal::Pose(pose) => (pose.translation_mm, between(now, pose.rotation.matrix())),
-        Goal::Axis(pose) => {
+        ToolGoal::Pose(pose) => (pose.translation_mm, between(now, pose.rotation.matrix())),
+        ToolGoal::Axis(pose) => {
             let (angle, across) = angle_between(&now.column(2).into_owned(), &pose.axis);
             (pose.position.coords, across.map_or(Vector3::zeros(), |across| across.into_inner() * angle))
         }
@@ -151,11 +151,11 @@ fn half_turn(r: &Matrix3<f64>) -> Vector3<f64> {
 }
 
 /// The error's derivative, with angles times the lever; for an axis goal without the rotation about the axis.
-fn task_jacobian(arm: &Arm, goal: &Goal, q: &[f64]) -> Matrix6xX<f64> {
+fn task_jacobian(arm: &Arm, goal: &ToolGoal, q: &[f64]) -> Matrix6xX<f64> {
     let mut jacobian = arm.tool_jacobian_at(q);
     let roll = match goal {
-        Goal::Pose(_) => None,
-        Goal::Axis(_) => Some(arm.tool_at(q).rotation * Vector3::z()),
+        ToolGoal::Pose(_) => None,
+        ToolGoal::Axis(_) => Some(arm.tool_at(q).rotation * Vector3::z()),
     };
     for mut column in jacobian.column_iter_mut() {
         let mut turn = column.fixed_rows::<3>(3).into_owned();

@@ -12,7 +12,7 @@
 use bonemill_geometry::{Base, Point, Rigid, Tool};
 use nalgebra::{Rotation3, Unit, Vector3};
 
-use super::dls::{self, Goal};
+use super::dls::{self, ToolGoal};
 use super::{Arm, bone_attached};
 use crate::error::RobotError;
 use crate::ur::UrGeometry;
@@ -153,8 +153,8 @@ impl Arm {
         Ok(match self.inverse {
             InverseKind::BoneAttached => self.inverse_bone_attached(&pose),
             InverseKind::Ur { .. } => self.inverse_ur(work_from_tool),
-            InverseKind::Numeric if self.dof() >= 6 => self.search(&Goal::Pose(*work_from_tool)),
-            InverseKind::Numeric => self.search(&Goal::Axis(pose)),
+            InverseKind::Numeric if self.dof() >= 6 => self.search(&ToolGoal::Pose(*work_from_tool)),
+            InverseKind::Numeric => self.search(&ToolGoal::Axis(pose)),
         })
     }
 
@@ -182,7 +182,7 @@ impl Arm {
         for (branch, nominal) in found.iter() {
             let mut q = nominal.to_vec();
             if calibrated {
-                let refined = dls::solve(self, &Goal::Pose(*work_from_tool), nominal);
+                let refined = dls::solve(self, &ToolGoal::Pose(*work_from_tool), nominal);
                 if !refined.is_within(EXACT) {
                     solutions.short_mm = solutions.short_mm.max(refined.short_mm);
                     continue;
@@ -200,7 +200,7 @@ impl Arm {
     }
 
     /// Damped least squares from starts spread over the joints' ranges.
-    fn search(&self, goal: &Goal) -> Solutions {
+    fn search(&self, goal: &ToolGoal) -> Solutions {
         let mut solutions = Solutions { q: vec![], branch: vec![], short_mm: f64::INFINITY, short_rad: 0.0 };
         for k in 0..STARTS {
             let found = dls::solve(self, goal, &self.start(k));

@@ -25,7 +25,7 @@ pub use reader::{load, read_urdf};
 
 use crate::error::RobotError;
 use crate::ur::{UrGeometry, UrModel};
-pub use dls::Goal;
+pub use dls::ToolGoal;
 pub use inverse::InverseKind;
 use urdf::Segment;
 

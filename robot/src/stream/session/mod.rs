@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 
 use crate::stream::approach::Approach;
-use crate::stream::cause::{Cause, Event, Outcome, Question};
+use crate::stream::cause::{Cause, Event, Question, RunEnd};
 use crate::stream::follower::Follower;
 use crate::stream::link::{ArmState, Identity, Joints, LinkFault, Order};
 use crate::stream::plan::StreamPlan;
@@ -50,7 +50,7 @@ pub struct Seen {
 
 /// What is to be done after a step.
 #[derive(Debug, Clone, Default)]
-pub struct Step {
+pub struct AfterStep {
     /// What the arm is told.
     pub order: Option<Order>,
     /// What the user is told.
@@ -60,7 +60,7 @@ pub struct Step {
     /// When to step again, s.
     pub wake_s: f64,
     /// How it ended; no step after it.
-    pub outcome: Option<Outcome>,
+    pub outcome: Option<RunEnd>,
 }
 
 /// What a run does.
@@ -285,9 +285,9 @@ impl<'a> Session<'a> {
     }
 
     /// Decides what is done now.
-    pub fn step(&mut self, seen: &Seen) -> Step {
+    pub fn step(&mut self, seen: &Seen) -> AfterStep {
         let now_s = seen.now_s;
-        let mut step = Step { wake_s: now_s + self.plan.period_s, ..Step::default() };
+        let mut step = AfterStep { wake_s: now_s + self.plan.period_s, ..AfterStep::default() };
         let fresh = match &seen.state {
             Some(state) => self.watch.observe(state, self.plan.settings().timing.clock_drift),
             None => false,
@@ -402,7 +402,7 @@ impl<'a> Session<'a> {
         cause
     }
 
-    fn stop(&mut self, cause: Cause, at_once: bool, now_s: f64, step: &mut Step) {
+    fn stop(&mut self, cause: Cause, at_once: bool, now_s: f64, step: &mut AfterStep) {
         step.events.push(Event::Stopping(cause.clone()));
         self.cause.get_or_insert(cause);
         if at_once || matches!(self.phase, Phase::Approaching(_)) || self.commanded.is_none() {
@@ -437,7 +437,7 @@ impl<'a> Session<'a> {
         self.spindle.agrees_s.is_some_and(|since_s| now_s >= since_s + self.plan.settings().run_up_s)
     }
 
-    fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut Step) {
+    fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut AfterStep) {
         let now_s = seen.now_s;
         match std::mem::replace(&mut self.phase, Phase::Braking) {
             Phase::Connecting { since_s } => self.connect(seen, since_s, step),

@@ -5,9 +5,9 @@ use rand_xoshiro::rand_core::RngCore;
 
 /// Numbers from a seed.
 #[derive(Debug, Clone)]
-pub struct Draws(Xoshiro256PlusPlus);
+pub struct FaultDraws(Xoshiro256PlusPlus);
 
-impl Draws {
+impl FaultDraws {
     /// Those of a run.
     pub fn new(seed: u64) -> Self {
         use rand_xoshiro::rand_core::SeedableRng;

@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use super::fault::Fault;
 use super::world::{World, WorldClock, WorldLink};
-use crate::stream::cause::Outcome;
+use crate::stream::cause::RunEnd;
 use crate::stream::drive::{Operator, drive};
 use crate::stream::link::Clock;
 use crate::stream::log::LogWriter;
@@ -20,7 +20,7 @@ pub fn rehearse<W: Write>(
     seed: u64,
     operator: &mut impl Operator,
     log: Option<&mut LogWriter<W>>,
-) -> Outcome {
+) -> RunEnd {
     let q = plan.track.joints(start_row);
     let world = World::new(plan, q, (Fault::None, f64::INFINITY), seed);
     let world = Rc::new(RefCell::new(world));

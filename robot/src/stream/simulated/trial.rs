@@ -7,32 +7,32 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use super::buffer::Buffer;
-use super::fault::{Draws, Fault};
+use super::fault::{Fault, FaultDraws};
 use super::swept::{self, Swept};
 use super::world::{World, WorldClock, WorldLink};
-use bonemill_arm::arm::{Goal, dls};
+use bonemill_arm::arm::{ToolGoal, dls};
 use nalgebra::Vector3;
 
 use crate::stream::bound::{self, Travel};
-use crate::stream::cause::{Cause, Event, Outcome, Question};
+use crate::stream::cause::{Cause, Event, Question, RunEnd};
 use crate::stream::drive::{Operator, drive};
 use crate::stream::link::{Clock, Joints, padded};
 use crate::stream::log::LogWriter;
 use crate::stream::plan::StreamPlan;
 use crate::stream::session::Session;
-use crate::stream::track::Nearest;
+use crate::stream::track::NearestOnTrack;
 
 /// What came of a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrialResult {
     /// How the run ended.
-    pub outcome: Outcome,
+    pub outcome: RunEnd,
     /// Of the burr along the path after the fault, and off it where it was nearest to its bound, mm.
     pub travel: Travel,
     /// What was printed for the place of the fault, and for the place where the burr was nearest to what was printed off the path, mm.
     pub bound: Travel,
     /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
-    pub resumed: Option<Outcome>,
+    pub resumed: Option<RunEnd>,
     /// What both runs together swept, against the plan; none where it was not resumed to the end.
     pub swept: Option<Swept>,
     /// Way from where the arm truly was at the farthest to where the run goes on, mm: what is left out.
@@ -96,7 +96,7 @@ impl Operator for Yes {
 
 /// A piece of a plan that trials are run on, and the bounds that are printed for it.
 #[derive(Debug, Clone)]
-pub struct Piece {
+pub struct TrialPiece {
     plan: StreamPlan,
     /// Of every fifth row.
     printed: Vec<Travel>,
@@ -118,7 +118,7 @@ const AHEAD_ROWS: f64 = 40.0;
 /// The row of a piece that a run starts at.
 const START_ROW: f64 = 1.0;
 
-impl Piece {
+impl TrialPiece {
     /// So many rows of a plan, from a row on; fewer at its end.
     pub fn new(plan: &StreamPlan, from_row: usize, rows: usize) -> Self {
         let plan = plan.piece(from_row, rows);
@@ -152,7 +152,7 @@ impl Piece {
     /// Runs it with a fault at a drawn moment; `resume`: also run the rest of it after a stop.
     pub fn run(&self, fault: Fault, seed: u64, resume: bool) -> TrialResult {
         let plan = &self.plan;
-        let mut draws = Draws::new(seed ^ 0x9e37_79b9_7f4a_7c15);
+        let mut draws = FaultDraws::new(seed ^ 0x9e37_79b9_7f4a_7c15);
         let q = match fault {
             Fault::WrongStart(mm) => aside(plan, &plan.track.joints(START_ROW), mm, &mut draws),
             _ => plan.track.joints(START_ROW),
@@ -204,11 +204,11 @@ impl Piece {
     ///
     /// Where the path stands, that may be many rows on, and where it comes back the arm is near to two of its rows: of the ranges ahead the shortest whose
     /// nearest row is within its bound tells, and where there is none, the whole path.
-    fn where_on_path(&self, row: f64, burr_mm: &Vector3<f64>) -> Nearest {
+    fn where_on_path(&self, row: f64, burr_mm: &Vector3<f64>) -> NearestOnTrack {
         let track = &self.plan.track;
         let ahead =
             |rows: f64| track.nearest((row - 5.0).max(0.0), (row + rows).min(track.last_row()), burr_mm);
-        let is_on = |near: &Nearest| near.distance_mm <= self.bound(near.row).off_mm;
+        let is_on = |near: &NearestOnTrack| near.distance_mm <= self.bound(near.row).off_mm;
         let ranges = std::iter::successors(Some(AHEAD_ROWS), |rows| {
             (row + rows < track.last_row()).then_some(2.0 * rows)
         });
@@ -245,7 +245,7 @@ impl Piece {
 
 /// A run, when the newest state that it used was made, and when its plan began, s.
 struct Ran {
-    outcome: Outcome,
+    outcome: RunEnd,
     used_s: f64,
     began_s: f64,
 }
@@ -262,10 +262,10 @@ fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<Worl
 }
 
 /// Joints that have the burr beside where it is, across the shaft.
-fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut Draws) -> Joints {
+fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut FaultDraws) -> Joints {
     let mut tool = plan.arm.tool_at(q);
     let angle = draws.between(0.0, std::f64::consts::TAU);
     tool.translation_mm += tool.rotation * (mm * Vector3::new(angle.cos(), angle.sin(), 0.0));
-    let found = dls::solve(&plan.arm, &Goal::Pose(tool), &q[..plan.arm.dof()]);
+    let found = dls::solve(&plan.arm, &ToolGoal::Pose(tool), &q[..plan.arm.dof()]);
     padded(&found.q).unwrap_or(*q)
 }

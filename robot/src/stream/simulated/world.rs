@@ -3,7 +3,7 @@
 //! Joints follow the newest target through two equal first-order lags, scaled by the speed fraction; so the arm is a weighted mean of
 //! its targets, and never passes them. Any stop slows all joints together, straight in joint space. The controller stops its program
 //! when no order came for the watchdog's time. Its clock runs from another zero at another speed. The assumptions are
-//! [`Timing`]'s: lag, transport and the least deceleration.
+//! [`StreamTiming`]'s: lag, transport and the least deceleration.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -12,13 +12,13 @@ use std::rc::Rc;
 use nalgebra::UnitQuaternion;
 
 use super::buffer::Buffer;
-use super::fault::{Draws, Fault};
+use super::fault::{Fault, FaultDraws};
 use crate::stream::link::{
     ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL,
     STOPPED,
 };
 use crate::stream::plan::StreamPlan;
-use crate::stream::settings::Timing;
+use crate::stream::settings::StreamTiming;
 
 /// The controller's period, s.
 const TICK_S: f64 = 0.002;
@@ -56,9 +56,9 @@ struct Client {
 /// The world outside of the run's decisions.
 #[derive(Debug)]
 pub struct World {
-    draws: Draws,
+    draws: FaultDraws,
     identity: Identity,
-    timing: Timing,
+    timing: StreamTiming,
     now_s: f64,
     ticks: u64,
     pc_ahead_s: f64,
@@ -96,7 +96,7 @@ impl World {
     /// The arm of a plan, at rest at `q`, which fails at `onset_s`.
     pub fn new(plan: &StreamPlan, q: Joints, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
         let (arm, timing) = (&plan.arm, plan.settings().timing);
-        let mut draws = Draws::new(seed);
+        let mut draws = FaultDraws::new(seed);
         let tool = arm.tool_at(&q);
         let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
         let skew = 1.0 + draws.between(-0.5, 0.5) * timing.clock_drift;
