@@ -111,7 +111,7 @@ impl JobRecord {
     /// Reads `dir/job.toml`; its inputs are not looked at.
     ///
     /// # Errors
-    /// [`ProsthesisError::Files`], [`ProsthesisError::MachiningJob`], [`ProsthesisError::Folder`] for a key that is missing or wrong.
+    /// [`ProsthesisError::Files`], [`ProsthesisError::Job`], [`ProsthesisError::Folder`] for a key that is missing or wrong.
     pub fn read(dir: &Path) -> Result<Self, ProsthesisError> {
         let path = dir.join(FILE_NAME);
         let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;

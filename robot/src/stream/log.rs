@@ -198,7 +198,7 @@ impl Log {
         Ok(log)
     }
 
-    /// Farthest of the burr from its path at any step of the run, mm, as [`RunEnd`](crate::stream::Outcome) says it; none before there was a state.
+    /// Farthest of the burr from its path at any step of the run, mm, as [`RunEnd`](crate::stream::RunEnd) says it; none before there was a state.
     pub fn farthest_off_mm(&self) -> Option<f64> {
         self.steps.iter().filter_map(|step| step.off_mm).reduce(f64::max)
     }
