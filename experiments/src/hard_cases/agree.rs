@@ -11,13 +11,11 @@ use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::simulate::{ModelName, Sampling, simulate};
 use rayon::prelude::*;
 
+use super::keys::{Choices, Keys};
 use super::random::{RandomBody, draws, ended_well};
 use super::run::{End, Quiet, run_judged};
 use super::scene::{NERVE, Scene, V};
 use crate::{ExperimentError, Size, Table};
-
-/// A key's choices, each a line of the case and what takes its place.
-type Choices = &'static [(&'static str, &'static str)];
 
 /// Number of keys.
 const COUNT: usize = 9;
@@ -71,7 +69,7 @@ struct RandomCase {
     /// Its body.
     body: RandomBody,
     /// The choice for each key.
-    keys: [u8; COUNT],
+    keys: Keys<COUNT>,
 }
 
 /// What two plans of one case must have in common.
@@ -87,8 +85,7 @@ impl RandomCase {
     /// The case with this number.
     fn draw(number: u64) -> Self {
         let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
-        // half of the keys are left out
-        let keys = KEYS.map(|choices| below(2) * below(choices.len() as u64 + 1));
+        let keys = Keys::draw(&KEYS, &mut below);
         // pockets of a few burr's diameters: many cases rather than long ones
         let pocket = [3, 3, 2].map(|half| half + below(3));
         let burr = 10 + below(6);
@@ -96,9 +93,7 @@ impl RandomCase {
     }
 
     fn scene(self) -> Scene {
-        let chosen =
-            KEYS.iter().zip(self.keys).filter_map(|(choices, n)| choices.get(usize::from(n).checked_sub(1)?));
-        chosen.fold(self.body.scene(), |scene, (from, to)| scene.with(from, *to))
+        self.keys.chosen(&KEYS).fold(self.body.scene(), |scene, (from, to)| scene.with(from, to))
     }
 
     /// The same case written otherwise.
@@ -147,19 +142,10 @@ impl RandomCase {
 
     /// Cases that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
-        let without = |n: usize| {
-            let mut case = self;
-            case.keys[n] = 0;
-            case
-        };
-        let with_body = |body: RandomBody| {
-            let mut case = self;
-            case.body = body;
-            case
-        };
-        let keys = (0..COUNT).filter(|n| self.keys[*n] > 0).map(without);
-        let bodies = self.body.simpler().into_iter().filter(|body| body.pocket == self.body.pocket);
-        keys.chain(bodies.map(with_body)).collect()
+        let Self { body, keys } = self;
+        let fewer = keys.simpler().map(|keys| Self { body, keys });
+        let smaller = body.simpler().into_iter().filter(|other| other.pocket == body.pocket);
+        fewer.chain(smaller.map(|body| Self { body, keys })).collect()
     }
 }
 

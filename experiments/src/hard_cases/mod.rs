@@ -5,6 +5,7 @@
 //! it falls short, or a refusal that states what is wrong. A panic counts as a failure.
 
 mod agree;
+mod keys;
 mod list;
 mod list_tools;
 mod random;
@@ -15,6 +16,7 @@ use bonemill_planner::Progress;
 use rayon::prelude::*;
 
 pub use agree::run as run_agree;
+pub(crate) use keys::{Choices, Keys};
 pub use list::scenes;
 pub(crate) use random::draws;
 pub use random::{RandomBody, random_scenes};

@@ -10,11 +10,8 @@ use bonemill_planner::plan::{Replace, StagedDirectory};
 use bonemill_prosthesis::{phantom, plan, save, sealed, verify};
 use rayon::prelude::*;
 
-use crate::hard_cases::{draws, or_panic};
+use crate::hard_cases::{Choices, Keys, draws, or_panic};
 use crate::{ExperimentError, Size, Table};
-
-/// A key's choices, each a line of the job and what takes its place.
-type Choices = &'static [(&'static str, &'static str)];
 
 /// Number of keys.
 const COUNT: usize = 8;
@@ -51,7 +48,7 @@ struct RandomJob {
     /// Sides, mm.
     size_mm: [u8; 3],
     /// The choice for each key; 0 leaves it as it is.
-    keys: [u8; COUNT],
+    keys: Keys<COUNT>,
 }
 
 /// How a job ended.
@@ -72,8 +69,7 @@ impl RandomJob {
         let mut below = draws(number ^ 0x7f4a_7c15_0000_0000);
         let shape = below(5);
         let size_mm = [10 + below(8), 3 + below(4), 8 + below(8)];
-        // half of the keys are left out
-        let keys = KEYS.map(|choices| below(2) * below(choices.len() as u64 + 1));
+        let keys = Keys::draw(&KEYS, &mut below);
         Self { number, shape, size_mm, keys }
     }
 
@@ -81,8 +77,7 @@ impl RandomJob {
     fn job(self) -> String {
         let plain = "[part]\nstl = \"part.stl\"\nunit = \"mm\"\n[orient]\nmode = \"none\"\n[stock]\nblocks = [{ id = \"B\", size_mm = [[30, 12, 44], count = 1 }]\n\
             [tool]\nkind = \"flat\"\ndiameter_mm = 3\nlength_mm = 20\n[process]\nfinishing_step_mm = 0.3\n[machine]\n";
-        let chosen =
-            KEYS.iter().zip(self.keys).filter_map(|(choices, n)| choices.get(usize::from(n).checked_sub(1)?));
+        let chosen = self.keys.chosen(&KEYS);
         chosen.fold(plain.to_owned(), |text, (from, to)| text.replacen(from, to, 1)).replace("[[", "[")
     }
 
@@ -196,12 +191,7 @@ impl RandomJob {
 
     /// Jobs that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
-        let without = |n: usize| {
-            let mut job = self;
-            job.keys[n] = 0;
-            job
-        };
-        let keys = (0..COUNT).filter(|n| self.keys[*n] > 0).map(without);
+        let keys = self.keys.simpler().map(|keys| Self { keys, ..self });
         let shape = (self.shape > 0).then_some(Self { shape: 0, ..self });
         shape.into_iter().chain(keys).collect()
     }

@@ -5,6 +5,7 @@
 //! found are judged on all sides ([`crate::touching`]): a structure around the tool is touched more often than a wall. What is missing or left
 //! is then that of the wall that is touched as often.
 
+use bonemill_cutting::importance::Importance;
 use bonemill_imaging::StructureField;
 use nalgebra::Vector3;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -123,8 +124,11 @@ fn of_wall(clearance_mm: f64, sigma_mm: f64) -> f64 {
 }
 
 fn weighted_mm(margin_mm: f64, rank: f64) -> f64 {
-    let weight = rank.sqrt();
-    if margin_mm < 0.0 { margin_mm / weight } else { margin_mm * weight }
+    if margin_mm < 0.0 {
+        Importance::by_rank(margin_mm, rank)
+    } else {
+        margin_mm / Importance::by_rank(1.0, rank)
+    }
 }
 
 /// The weighted margins of all structures, mm, the least first.

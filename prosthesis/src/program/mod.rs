@@ -14,10 +14,10 @@
 //!
 //! ```
 //! # use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
-//! # use bonemill_prosthesis::machining::{Block, Job, Kind, Move, Side, Tool};
-//! # let job = Job {
+//! # use bonemill_prosthesis::machining::{Block, EndMill, Kind, MachiningJob, Side, TipMove};
+//! # let job = MachiningJob {
 //! #     block: Block { low_mm: [-20.0, -8.0, -30.0].into(), high_mm: [20.0, 8.0, 20.0].into(), grip_mm: 10.0 },
-//! #     tool: Tool { radius_mm: 1.5, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] },
+//! #     tool: EndMill { radius_mm: 1.5, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] },
 //! #     process: ProcessSpec {
 //! #         spindle_rpm: 8500.0, feed_per_tooth_mm: 0.04, side_load: 0.6, depth_of_cut: 0.7, finishing_step_mm: 0.1, strip_mm: 1.0,
 //! #         clearance_mm: 3.0, sense: CutSense::Climb,
@@ -29,7 +29,7 @@
 //! #     },
 //! # };
 //! use bonemill_prosthesis::program::write;
-//! let to = |kind, y| Move { side: Side::A, kind, tip_mm: [1.0, y, -3.0].into(), a_rad: 0.0, feed_mm_min: 340.0, time_s: 0.0 };
+//! let to = |kind, y| TipMove { side: Side::A, kind, tip_mm: [1.0, y, -3.0].into(), a_rad: 0.0, feed_mm_min: 340.0, time_s: 0.0 };
 //! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, "a test", &[]);
 //! assert!(text.contains("G53 G0 Z0.000\nT1 M6\nG0 A0.000\n") && text.contains("G0 X1.000 Y3.000\nG0 Z12.000\nG1 Z2.500 F340.00\n"));
 //! assert!(text.contains("G4 P3000\n") && text.contains("(block at A0: X -20.000 to 20.000, Y -20.000 to 30.000, Z -8.000 to 8.000)"));
