@@ -1,20 +1,22 @@
 //! Shows progress, as a bar on a terminal and as plain lines elsewhere, and measures the seconds of every stage.
 //!
-//! Bar and time left follow from the time that the job's stages typically take beside each other.
+//! Bar and time left follow from how long the job's stages typically take relative to each other.
 
 use std::cell::RefCell;
+use std::fmt;
 use std::io::{IsTerminal, stderr};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bonemill_geometry::{JobPosition, Stage};
 use bonemill_planner::Progress;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
 use crate::args::Talk;
 
 /// The bar's length.
 const WHOLE: u64 = 1000;
-/// The time left is told once a job has run so long and this share is done, which then says something.
+/// The time left is shown once a job has run this long and this share of it is done; before, it says little.
 const SETTLED: Duration = Duration::from_secs(2);
 const SETTLED_SHARE: f64 = 0.05;
 
@@ -36,19 +38,27 @@ struct Stages {
     current: Option<(String, Instant)>,
     position: JobPosition,
     began: Option<Instant>,
-    /// The share of the job that was done when it last grew, and when that was since it began.
-    grew: (f64, Duration),
+    /// The share of the job that was done when the time left was last estimated.
+    share: f64,
+    /// When the job will have ended by that estimate.
+    ends: Arc<Mutex<Option<Instant>>>,
     memory_mb: Option<f64>,
 }
 
 impl Stages {
-    /// How long the job still takes if it goes on as until its share last grew; `None` while that says little.
-    fn left(&mut self) -> Option<Duration> {
-        let so_far = self.began.map_or(Duration::ZERO, |began| began.elapsed());
-        if self.position.share() > self.grew.0 {
-            self.grew = (self.position.share(), so_far);
+    /// Estimates when the job ends, each time that more of it is done.
+    fn estimate(&mut self) {
+        let since = |began: Option<Instant>| began.map_or(Duration::ZERO, |began| began.elapsed());
+        let so_far = since(self.began);
+        if self.position.share() <= self.share || so_far < SETTLED || self.position.share() < SETTLED_SHARE {
+            return;
         }
-        time_left(self.grew, so_far)
+        self.share = self.position.share();
+        let stage = since(self.current.as_ref().map(|(_, since)| *since));
+        let left_s = self.position.left_s(so_far.as_secs_f64(), stage.as_secs_f64());
+        let left = left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
+        let ends = left.and_then(|left| Instant::now().checked_add(left));
+        *self.ends.lock().unwrap_or_else(PoisonError::into_inner) = ends;
     }
 
     fn end(&mut self) {
@@ -60,12 +70,15 @@ impl Stages {
 
 impl Console {
     pub fn new(talk: Talk) -> Self {
+        let stages = Stages::default();
         let show = match talk {
             Talk::Quiet | Talk::Machine => Show::Nothing,
-            Talk::People if stderr().is_terminal() => Show::Bar(bar(ProgressDrawTarget::stderr())),
+            Talk::People if stderr().is_terminal() => {
+                Show::Bar(bar(ProgressDrawTarget::stderr(), Arc::clone(&stages.ends)))
+            }
             Talk::People => Show::Lines,
         };
-        Self { show, stages: RefCell::default() }
+        Self { show, stages: RefCell::new(stages) }
     }
 
     /// Ends the last stage and clears the bar.
@@ -89,38 +102,42 @@ impl Console {
     /// Draws the bar where the job is.
     fn draw(&self, stages: &mut Stages) {
         let Show::Bar(bar) = &self.show else { return };
-        let left = stages.left();
-        let left = left.map_or(String::new(), |left| format!(", about {} s left", left.as_secs() + 1));
+        stages.estimate();
         let name = stages.current.as_ref().map_or("", |(name, _)| name);
         bar.set_message(match stages.position.stage() {
-            Some((n, of)) => format!("stage {n} of {of}: {name}{left}"),
-            None => format!("{name}{left}"),
+            Some((n, of)) => format!("stage {n} of {of}: {name}"),
+            None => name.to_owned(),
         });
         bar.set_position((WHOLE as f64 * stages.position.share()) as u64);
     }
 }
 
-fn bar(target: ProgressDrawTarget) -> ProgressBar {
+fn bar(target: ProgressDrawTarget, ends: Arc<Mutex<Option<Instant>>>) -> ProgressBar {
+    let left = move |_: &ProgressState, out: &mut dyn fmt::Write| {
+        let ends = *ends.lock().unwrap_or_else(PoisonError::into_inner);
+        // what cannot be written is not shown
+        let _ = out.write_str(&time_left(ends, Instant::now()));
+    };
     let bar = ProgressBar::with_draw_target(Some(WHOLE), target);
     // without a valid template the default style is used
-    if let Ok(style) = ProgressStyle::with_template("{spinner} [{bar:30}] {elapsed} so far, {msg}") {
-        bar.set_style(style.progress_chars("=> "));
+    if let Ok(style) = ProgressStyle::with_template("{spinner} [{bar:30}] {elapsed} so far, {msg}{left}") {
+        bar.set_style(style.progress_chars("=> ").with_key("left", left));
     }
     bar.enable_steady_tick(Duration::from_millis(100));
     bar
 }
 
-/// The time left of a job of which a share took some time, `so_far` after it began; `None` while that says little, and where more time
-/// has passed than was left.
-fn time_left((share, took): (f64, Duration), so_far: Duration) -> Option<Duration> {
-    let is_settled = so_far >= SETTLED && share >= SETTLED_SHARE;
-    is_settled.then(|| took.mul_f64(1.0 / share).checked_sub(so_far)).flatten()
+/// The time left in words; nothing where it is not known, or more time has passed than was estimated.
+fn time_left(ends: Option<Instant>, now: Instant) -> String {
+    let left = ends.and_then(|ends| ends.checked_duration_since(now));
+    left.map_or(String::new(), |left| format!(", about {} s left", left.as_secs() + 1))
 }
 
 impl Progress for Console {
     fn expect(&self, stages: &[Stage]) {
         let mut told = self.stages.borrow_mut();
         told.position = JobPosition::expect(stages);
+        told.share = 0.0;
         if let Some(name) = told.current.as_ref().map(|(name, _)| name.clone()) {
             told.position.begin(&name);
             self.draw(&mut told);
@@ -165,7 +182,7 @@ mod tests {
 
     #[test]
     fn the_bar_moves_from_empty_through_every_stage_and_is_never_full_before_the_end() {
-        let shown = Show::Bar(bar(ProgressDrawTarget::hidden()));
+        let shown = Show::Bar(bar(ProgressDrawTarget::hidden(), Arc::default()));
         let console = Console { show: shown, stages: RefCell::default() };
         let look = || {
             let Show::Bar(bar) = &console.show else { panic!("no bar") };
@@ -186,15 +203,10 @@ mod tests {
     }
 
     #[test]
-    fn the_time_left_is_told_once_the_share_says_something() {
-        let left = |share: f64, took: u64, so_far: u64| {
-            time_left((share, Duration::from_secs(took)), Duration::from_secs(so_far))
-                .map(|left| left.as_secs())
-        };
-        assert_eq!(
-            [left(0.25, 10, 10), left(0.25, 10, 15), left(1.0, 10, 10)],
-            [Some(30), Some(25), Some(0)]
-        );
-        assert_eq!([left(0.25, 1, 1), left(0.01, 10, 10), left(0.25, 10, 41)], [None; 3]);
+    fn the_time_left_is_told_while_it_says_something() {
+        let now = Instant::now();
+        let left = |seconds| time_left(now.checked_add(Duration::from_secs(seconds)), now);
+        assert_eq!([left(29), left(0)], [", about 30 s left", ", about 1 s left"]);
+        assert_eq!([time_left(None, now), time_left(now.checked_sub(Duration::from_secs(1)), now)], ["", ""]);
     }
 }

@@ -10,7 +10,7 @@ use bonemill_planner::plan::{HoldPoint, Need, StoredPlan, hold_points, is_prosth
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
 use bonemill_prosthesis::JobRecord;
 use bonemill_robot::export::{
-    AxisMove, Between, ExportRows, Gcode, GcodeMove, ScriptHold, ScriptNotes, Tolerance, UrScript,
+    Between, ExportRows, Gcode, GcodeMove, JointMove, ScriptHold, ScriptNotes, Tolerance, UrScript,
     is_cartesian, straight_blocks, write_gcode, write_ros_json, write_ros_yaml, write_urscript,
 };
 use bonemill_robot::stream::Settings;
@@ -249,7 +249,7 @@ fn gcode(plan: &StoredPlan, rapid: bool, notes: &[String]) -> anyhow::Result<Vec
     let ends_s: Vec<f64> = plan.waypoints.iter().map(|waypoint| waypoint.time_s).collect();
     let tolerance = Tolerance { burr_mm: LEFT_OUT_MM, axis_rad: LEFT_OUT_RAD };
     let blocks = straight_blocks(&plan.arm, &rows, &ends_s, tolerance)?;
-    let moves = blocks.iter().map(|AxisMove { q, duration_s, of }| GcodeMove {
+    let moves = blocks.iter().map(|JointMove { q, duration_s, of }| GcodeMove {
         q,
         duration_s: *duration_s,
         cuts: plan.waypoints[*of].kind == MoveKind::Cut,

@@ -9,7 +9,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, StoredPlan};
 use bonemill_planner::stream_input;
 use bonemill_robot::stream::bound::{self, Failure};
-use bonemill_robot::stream::simulated::fault::{Fault, FaultDraws};
+use bonemill_robot::stream::simulated::fault::{Fault, SeededDraws};
 use bonemill_robot::stream::simulated::swept::Swept;
 use bonemill_robot::stream::simulated::trial::{TrialPiece, TrialResult};
 use bonemill_robot::stream::{Settings, Standing, StreamPlan};
@@ -175,8 +175,8 @@ impl Tally {
 
 /// Pieces at drawn places of a plan.
 fn pieces(plan: &StreamPlan, rows: usize) -> Vec<TrialPiece> {
-    let mut draws = FaultDraws::new(25);
-    let from = |draws: &mut FaultDraws| draws.below(plan.track.rows().saturating_sub(rows).max(1));
+    let mut draws = SeededDraws::new(25);
+    let from = |draws: &mut SeededDraws| draws.below(plan.track.rows().saturating_sub(rows).max(1));
     let starts: Vec<usize> = (0..PIECES).map(|_| from(&mut draws)).collect();
     starts.into_par_iter().map(|row| TrialPiece::new(plan, row, rows)).collect()
 }

@@ -15,7 +15,7 @@ pub trait Progress {
     fn memory_mb(&self, _estimated: f64) {}
 }
 
-/// A stage of a job by its name, with how long it typically takes, until the next begins, beside the job's others.
+/// A stage of a job: its name, and how long it typically takes until the next begins, relative to the job's others.
 pub type Stage = (&'static str, u32);
 
 /// Ignores all reports.
@@ -66,10 +66,26 @@ impl JobPosition {
 
     /// The share of the job that is done, 0 to 1, by the time that its stages typically take.
     pub fn share(&self) -> f64 {
+        let [before, stage, _] = self.shares();
+        before + self.share * stage
+    }
+
+    /// How long the job still takes, s, `so_far_s` after it began and `stage_s` after the stage that runs did: by that stage's own pace where it
+    /// counts its steps, for the rest by the pace so far. `None` before anything is done.
+    pub fn left_s(&self, so_far_s: f64, stage_s: f64) -> Option<f64> {
+        let [_, stage, after] = self.shares();
+        let pace_s = (self.share() > 0.0).then(|| so_far_s / self.share())?;
+        let counts = self.is_there && self.share > 0.0;
+        let stage_left_s = if counts { stage_s * (1.0 / self.share - 1.0) } else { pace_s * stage };
+        Some(stage_left_s + pace_s * after)
+    }
+
+    /// The shares of the job before the farthest stage, of that stage, and after it.
+    fn shares(&self) -> [f64; 3] {
         let takes = |stages: &[Stage]| stages.iter().map(|(_, takes)| f64::from(*takes)).sum::<f64>();
-        let Some(n) = self.farthest.checked_sub(1) else { return 0.0 };
-        let done = takes(&self.stages[..n]) + self.share * takes(&self.stages[n..=n]);
-        done / takes(&self.stages).max(1.0)
+        let (before, from) = self.stages.split_at(self.farthest.saturating_sub(1));
+        let (stage, after) = from.split_at(usize::from(self.farthest > 0));
+        [before, stage, after].map(|part| takes(part) / takes(&self.stages).max(1.0))
     }
 }
 
@@ -92,6 +108,14 @@ mod tests {
         at.begin("paint");
         at.advance(9, 10);
         assert_eq!((at.stage(), at.share()), (Some((4, 4)), 0.5));
+        // half of the time was before, as much is left; a stage that counts its steps has its own pace
+        assert_eq!(at.left_s(10.0, 0.5), Some(10.0));
+        let mut counted = JobPosition::expect(&[("read", 1), ("draw", 2), ("write", 1)]);
+        assert_eq!(counted.left_s(1.0, 1.0), None);
+        counted.begin("read");
+        counted.begin("draw");
+        counted.advance(1, 2);
+        assert_eq!(counted.left_s(100.0, 80.0), Some(80.0 + 50.0));
         // a later round
         at.begin("lay");
         at.advance(1, 2);

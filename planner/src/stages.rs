@@ -1,5 +1,6 @@
 //! The stages of every job, by the names that [`Progress::stage`](crate::Progress::stage) is told, in the order in which they first begin,
-//! each with how long it takes until the next begins: seconds/10 of the temporal phantom, and of the tibia for a channel.
+//! each with how long it takes until the next begins, in tenths of a second: on the temporal phantom, and on the tibia for a channel.
+//! Drawing errors and calibrating depend on how much is asked for; their figures are guesses.
 //!
 //! They are told to [`Progress::expect`](crate::Progress::expect) by whoever runs a job, since what is written before and after it
 //! differs.

@@ -6,7 +6,7 @@
 //! the block's x, y and z along the flange's; the spindle stands upright before the arm, the cutter at its upper end. Collisions of the arm's links are not
 //! looked at.
 
-use crate::machining::trajectory::{DrivenMoves, block_on_flange, spindle_on_flange};
+use crate::machining::trajectory::{MachiningMotion, block_on_flange, spindle_on_flange};
 use crate::machining::{Block, MachiningError, TipMove};
 use bonemill_arm::arm::{Arm, BlockMount, ToolMount};
 use bonemill_arm::ur::UrModel;
@@ -115,7 +115,7 @@ fn setup(model: UrModel, on_flange: OnFlange) -> String {
     }
 }
 
-fn csv(arm: &Arm, motion: &DrivenMoves) -> Result<Vec<u8>, MachiningError> {
+fn csv(arm: &Arm, motion: &MachiningMotion) -> Result<Vec<u8>, MachiningError> {
     let kinds: Vec<_> = arm.joints().iter().map(|joint| joint.kind).collect();
     let mut csv = Vec::new();
     write_trajectory_csv(&mut csv, &motion.law.rows(RATE_HZ)?, &kinds)?;

@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Longest wait for work that was told to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A progress report of the work: the stage that runs, and how much of the whole is done, in hundredths of a stage.
+/// A progress report of the work: the stage that runs, and how much of the whole is done, in thousandths of the job.
 struct Told {
     stage: String,
     done: usize,

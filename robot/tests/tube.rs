@@ -7,7 +7,7 @@ mod common;
 use bonemill_arm::arm::{ToolGoal, dls};
 use bonemill_geometry::Rigid;
 use bonemill_robot::stream::bound::tube;
-use bonemill_robot::stream::simulated::fault::FaultDraws;
+use bonemill_robot::stream::simulated::fault::SeededDraws;
 use bonemill_robot::stream::{Joints, StreamPlan};
 use common::{PERIOD_S, settings, values};
 use nalgebra::{Rotation3, Vector3};
@@ -31,7 +31,7 @@ fn plan(seconds: f64, turn_rad_s: f64, way_mm: impl Fn(f64) -> Vector3<f64>) -> 
 /// The farthest from the path that drawn means of targets, and stops from them, lead, as a share of what the tube leaves beside the tolerance.
 fn fullest(plan: &StreamPlan, rate: f64, seed: u64) -> f64 {
     let (timing, q) = (plan.settings().timing, plan.track.q());
-    let mut draws = FaultDraws::new(seed);
+    let mut draws = SeededDraws::new(seed);
     let backlog = (rate * timing.backlog_s() / plan.period_s) as usize;
     let mut fullest: f64 = 0.0;
     for _ in 0..4000 {

@@ -106,7 +106,7 @@ impl Place {
         Ran { code: status.code().unwrap(), out: text(stdout), err: text(stderr) }
     }
 
-    /// Plans the case into `plan`. Of folders with the same files the plan is made once and copied.
+    /// Plans the case into `plan`. For folders with the same files the plan is made once, then copied.
     pub fn plan(&self) -> Ran {
         /// By the files of a folder, the run and the plan's files.
         type Made = BTreeMap<Files, Arc<OnceLock<(Ran, Files)>>>;
@@ -144,7 +144,7 @@ impl Place {
     #[track_caller]
     pub fn falls_short_of_a_plan(&self, parts: &[&str]) {
         let before = self.files();
-        self.plan().failed(1, parts);
+        self.run(&["plan", "case.toml", "--out", "plan"]).failed(1, parts);
         self.unchanged(&before);
     }
 

@@ -25,7 +25,7 @@ use bonemill_planner::simulate::{PlungeEngine, PlungeSpec};
 use nalgebra::{Rotation3, Vector3};
 
 pub use self::published::Overflow;
-use self::published::{EdgeForce, ProbePlace, Published};
+use self::published::{DrillPlace, EdgeForce, Published};
 use self::shell::PointShell;
 use self::voxmap::Voxmap;
 use crate::engine::speed::{free_bytes, quantile};
@@ -108,9 +108,9 @@ impl Job {
     }
 
     /// Tip `depth_mm` below the block's upper face, after `n` steps.
-    fn place(&self, depth_mm: f64, n: usize) -> ProbePlace {
+    fn place(&self, depth_mm: f64, n: usize) -> DrillPlace {
         let turn_rad = n as f64 * self.spindle_rpm / 60_000.0 * std::f64::consts::TAU;
-        ProbePlace { tip_mm: Vector3::new(0.0, 0.0, -depth_mm), turn_rad }
+        DrillPlace { tip_mm: Vector3::new(0.0, 0.0, -depth_mm), turn_rad }
     }
 
     /// The block's corner: its upper face is z = 0, the tool's axis is off the voxels' faces.

@@ -13,7 +13,7 @@ use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
 use super::morton;
-use super::shell::{Cluster, PointShell};
+use super::shell::{PointBlock, PointShell};
 use super::voxmap::Voxmap;
 
 /// Units of the sums in a N.
@@ -30,7 +30,7 @@ pub struct EdgeForce {
 
 /// Where the tool is.
 #[derive(Debug, Clone, Copy)]
-pub struct ProbePlace {
+pub struct DrillPlace {
     /// Its tip, mm.
     pub tip_mm: Vector3<f64>,
     /// How far it has turned, rad.
@@ -66,9 +66,9 @@ impl<'a> Published<'a> {
     }
 
     /// Thrust, N, and torque, N mm, at a place; the bone there is gone. Points outside the bone are left out block by block.
-    pub fn step(&self, place: &ProbePlace) -> [f64; 2] {
+    pub fn step(&self, place: &DrillPlace) -> [f64; 2] {
         let turn = turn(place);
-        let near: Vec<&Cluster> = self
+        let near: Vec<&PointBlock> = self
             .shell
             .blocks
             .iter()
@@ -96,7 +96,7 @@ impl<'a> Published<'a> {
     /// The same by Zheng et al.'s scheme: every point, its force stored, then a reduction over all that is stored.
     pub fn step_stored(
         &self,
-        place: &ProbePlace,
+        place: &DrillPlace,
         stored: &mut Vec<[i64; 2]>,
         hits: &mut Vec<Option<usize>>,
     ) -> [f64; 2] {
@@ -125,7 +125,7 @@ impl<'a> Published<'a> {
     }
 }
 
-fn turn(place: &ProbePlace) -> Rotation3<f64> {
+fn turn(place: &DrillPlace) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::z_axis(), place.turn_rad)
 }
 

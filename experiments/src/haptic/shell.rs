@@ -17,7 +17,7 @@ const BLOCK: usize = 1024;
 
 /// Points that lie together.
 #[derive(Debug, Clone, Copy)]
-pub struct Cluster {
+pub struct PointBlock {
     /// Their places in [`PointShell::codes`].
     pub first: usize,
     pub last: usize,
@@ -38,7 +38,7 @@ pub struct PointShell {
     /// Side of a voxel, mm.
     pub spacing_mm: f64,
     /// The points in groups.
-    pub blocks: Vec<Cluster>,
+    pub blocks: Vec<PointBlock>,
 }
 
 impl PointShell {
@@ -108,7 +108,7 @@ impl PointShell {
         self.origin_mm + Vector3::new(x, y, z) * self.spacing_mm
     }
 
-    fn grouped(&self) -> Vec<Cluster> {
+    fn grouped(&self) -> Vec<PointBlock> {
         let starts = (0..self.codes.len()).step_by(BLOCK);
         starts
             .map(|first| {
@@ -119,7 +119,12 @@ impl PointShell {
                     let p = self.center_mm(*code);
                     (low, high) = (low.inf(&p), high.sup(&p));
                 }
-                Cluster { first, last, center_mm: (low + high) / 2.0, radius_mm: (high - low).norm() / 2.0 }
+                PointBlock {
+                    first,
+                    last,
+                    center_mm: (low + high) / 2.0,
+                    radius_mm: (high - low).norm() / 2.0,
+                }
             })
             .collect()
     }

@@ -124,11 +124,8 @@ fn of_wall(clearance_mm: f64, sigma_mm: f64) -> f64 {
 }
 
 fn weighted_mm(margin_mm: f64, rank: f64) -> f64 {
-    if margin_mm < 0.0 {
-        Importance::by_rank(margin_mm, rank)
-    } else {
-        margin_mm / Importance::by_rank(1.0, rank)
-    }
+    let weight = Importance::by_rank(1.0, rank);
+    if margin_mm < 0.0 { margin_mm * weight } else { margin_mm / weight }
 }
 
 /// The weighted margins of all structures, mm, the least first.

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! The rank is the priority over the smallest of the case, so that only their ratios count. r_v is the distance from the burr's centre to the structure, r_v,min that at the structure's clearance. A newton toward the most
-//! important structure at its clearance weighs 1, and one toward the fourth half as much. Levels of push, lines, sense of cut and
-//! axes are chosen by it. Dillon's α₁ is α_max times the same nearness ([`crate::cost`]): D has no weight for priorities, and chooses
+//! important structure at its clearance weighs 1, and one toward the fourth half as much. Levels of push, lines, sense of cut,
+//! axes and channels are chosen by it. Dillon's α₁ is α_max times the same nearness ([`crate::cost`]): D has no weight for priorities, and chooses
 //! one structure where several are near.
 //!
 //! **Source:** Dillon et al. 2016, equation (8), for the nearness; the root of the rank is this project's own.

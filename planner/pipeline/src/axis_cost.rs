@@ -149,7 +149,8 @@ impl CostField<'_> {
         samples.clear();
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
         let weight = |density| self.sampled.weight(density);
-        self.sampled.gather(samples, &feed, self.swept.bone_at(i as u32, self.sampled.radius_mm(), weight));
+        let bone = self.swept.bone_at(i as u32, self.sampled.radius_mm(), weight);
+        self.sampled.gather(samples, &self.sampled.nominal(&feed), bone);
     }
 
     /// What waypoint i cuts, gathered into `own` unless it was kept.

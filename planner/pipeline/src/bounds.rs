@@ -10,7 +10,7 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed};
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::armpath::ArmMotion;
 use bonemill_setup::nearest_structures::NearStructure;
@@ -135,6 +135,8 @@ impl Prepared<'_> {
                 let weight = |density| sampled.weight(density);
                 let (feed, bone) = swept.bone_within((of as u32, place), sampled.radius_mm(), weight)?;
                 let mut samples = EngagedSamples::default();
+                // edges push otherwise where a cut is slow
+                let feed = Feed { speed_mm_s: slowest(of), ..sampled.nominal(&feed) };
                 sampled.gather(&mut samples, &feed, bone);
                 Some((of, samples))
             };

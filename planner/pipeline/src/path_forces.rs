@@ -137,7 +137,8 @@ impl ForcedPath<'_> {
         let force = |samples: &mut EngagedSamples, i: usize| {
             let feed = self.feeds[i].filter(|_| removes(i))?;
             let weight = |density| sampled.weight(density);
-            sampled.gather(samples, &feed, swept.bone_at(i as u32, sampled.radius_mm(), weight));
+            let bone = swept.bone_at(i as u32, sampled.radius_mm(), weight);
+            sampled.gather(samples, &sampled.nominal(&feed), bone);
             Some(sampled.of(samples, &axes[i]))
         };
         (0..self.points.len()).into_par_iter().map_init(EngagedSamples::default, force).collect()
@@ -207,7 +208,7 @@ impl ForcedPath<'_> {
                 // the shaft turns during the move
                 let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
                 let mut samples = EngagedSamples::default();
-                sampled.gather(&mut samples, &feed, bone);
+                sampled.gather(&mut samples, &sampled.nominal(&feed), bone);
                 Some(sampled.of(&samples, &axis))
             };
             let skins = around_back(&swept, i).into_iter().filter_map(at);

@@ -250,7 +250,7 @@ impl<'a> Drafts<'a> {
         let force = |samples: &mut EngagedSamples, i: usize| {
             let (feed, axis) = (draft.feeds[i].filter(|_| draft.moments[i].mass_mg() > 0.0)?, axis(i)?);
             let bone = swept.bone_at(i as u32, sampled.radius_mm(), |density| sampled.weight(density));
-            sampled.gather(samples, &feed, bone);
+            sampled.gather(samples, &sampled.nominal(&feed), bone);
             Some(sampled.of(samples, &axis))
         };
         (0..draft.feeds.len()).into_par_iter().map_init(EngagedSamples::default, force).collect()

@@ -50,14 +50,14 @@ impl SampledForce {
         self.material.weight(density_g_cm3)
     }
 
-    /// Gathers what a move in a direction cuts of the bone around.
-    pub fn gather(
-        &self,
-        samples: &mut EngagedSamples,
-        direction: &Unit<Vector3<f64>>,
-        mut bone: impl BoneAround,
-    ) {
-        self.kernel.gather(samples, &Feed::new(direction, self.nominal_mm_s, self.spindle_rpm), &mut bone);
+    /// A move in a direction at the nominal speed.
+    pub fn nominal(&self, direction: &Unit<Vector3<f64>>) -> Feed {
+        Feed::new(direction, self.nominal_mm_s, self.spindle_rpm)
+    }
+
+    /// Gathers what a move cuts of the bone around.
+    pub fn gather(&self, samples: &mut EngagedSamples, feed: &Feed, mut bone: impl BoneAround) {
+        self.kernel.gather(samples, feed, &mut bone);
     }
 
     /// Force of what was gathered, for an axis.

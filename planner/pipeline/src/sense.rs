@@ -145,7 +145,7 @@ impl<'a> PassSense<'a> {
         let weight = |n: &Vector3<f64>| {
             builder.material_at(place.at + radius_mm * n).map_or(0.0, |voxel| self.density(voxel))
         };
-        self.sampled.gather(samples, feed, AtPoints(weight));
+        self.sampled.gather(samples, &self.sampled.nominal(feed), AtPoints(weight));
         self.sampled.of(samples, &Vector3::z_axis()).force_n(self.sampled.nominal_mm_s)
     }
 

@@ -43,7 +43,7 @@ pub enum WantedTarget {
 #[derive(Debug, Clone, PartialEq)]
 pub struct WantedRegion {
     /// The label or shape.
-    pub aim: WantedTarget,
+    pub wanted: WantedTarget,
     /// By how much it is larger, mm.
     pub margin_mm: f64,
 }
@@ -56,7 +56,7 @@ pub struct Anatomy {
     /// Labels on their own grid.
     pub labels: Volume<u16, Ct>,
     /// What is to be removed.
-    pub aim: WantedTarget,
+    pub wanted: WantedTarget,
     /// What is to be removed besides.
     pub also: Vec<WantedRegion>,
     /// What is taken away from all that.
@@ -80,16 +80,16 @@ impl Anatomy {
         let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
         let (ct, labels) = (ct?, labels?);
         let number = |label: &LabelRef| number(label, names.as_ref());
-        let aim = |target: &Target| -> Result<WantedTarget, VerifyError> {
+        let wanted = |target: &Target| -> Result<WantedTarget, VerifyError> {
             Ok(match target {
                 Target::Label(label) => WantedTarget::Label(number(label)?),
                 shape => WantedTarget::Shape(shape.clone()),
             })
         };
         let regions = |of: &[TargetRegion]| -> Result<Vec<WantedRegion>, VerifyError> {
-            of.iter().map(|r| Ok(WantedRegion { aim: aim(&r.of)?, margin_mm: r.margin_mm })).collect()
+            of.iter().map(|r| Ok(WantedRegion { wanted: wanted(&r.of)?, margin_mm: r.margin_mm })).collect()
         };
-        let (also, less, aim) = (regions(&case.also)?, regions(&case.less)?, aim(&case.target)?);
+        let (also, less, wanted) = (regions(&case.also)?, regions(&case.less)?, wanted(&case.target)?);
         let kept = case.structures.iter().map(|s| {
             Ok(Kept {
                 name: s.name.clone(),
@@ -99,7 +99,7 @@ impl Anatomy {
             })
         });
         let kept = kept.collect::<Result<_, VerifyError>>()?;
-        Ok(Self { ct, labels, aim, also, less, kept })
+        Ok(Self { ct, labels, wanted, also, less, kept })
     }
 
     /// The number of a label that the case names, where it has one.
@@ -133,9 +133,9 @@ impl Anatomy {
 
     /// Corners, smallest and largest, of the target's box along work's axes, mm; `None` when the label has no voxel.
     pub fn aim_box(&self, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
-        let main = self.box_of(&self.aim, 0.0, grid_from_ct)?;
+        let main = self.box_of(&self.wanted, 0.0, grid_from_ct)?;
         let mut found = BoxExtent::default();
-        let more = self.also.iter().filter_map(|r| self.box_of(&r.aim, r.margin_mm, grid_from_ct));
+        let more = self.also.iter().filter_map(|r| self.box_of(&r.wanted, r.margin_mm, grid_from_ct));
         main.into_iter().chain(more.flatten()).for_each(|corner| found.hold(corner));
         found.grown(&Vector3::zeros())
     }
@@ -143,12 +143,12 @@ impl Anatomy {
     /// The box of a label's voxel boxes or of a shape, larger by a margin.
     fn box_of(
         &self,
-        aim: &WantedTarget,
+        wanted: &WantedTarget,
         margin_mm: f64,
         grid_from_ct: &Rigid<Work, Ct>,
     ) -> Option<[Vector3<f64>; 2]> {
         let mut found = BoxExtent::default();
-        match aim {
+        match wanted {
             WantedTarget::Label(label) => {
                 let grid = self.labels.grid();
                 for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {

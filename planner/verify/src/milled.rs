@@ -65,13 +65,13 @@ fn bone(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, Veri
     let mut checks = Vec::new();
     let ct_from_grid = &plan.record.frames.ct_from_grid();
     let grid_from_ct = ct_from_grid.inverse();
-    let aim = anatomy.aim_box(&grid_from_ct).ok_or(VerifyError::NoTarget)?;
+    let wanted = anatomy.aim_box(&grid_from_ct).ok_or(VerifyError::NoTarget)?;
     let spacing = case.grid.spacing_mm;
     let band_mm =
         [anatomy.ct.grid().diagonal_mm(), anatomy.labels.grid().diagonal_mm(), spacing * 3f64.sqrt()]
             .into_iter()
             .fold(0.0, f64::max);
-    let (grid, missed) = fine_grid(plan, anatomy, &aim, moves, band_mm)?;
+    let (grid, missed) = fine_grid(plan, anatomy, &wanted, moves, band_mm)?;
     checks.push(Check::none_wrong("burr stays where it is checked", missed).noting(if missed > 0 {
         "waypoints too far from the target for the lattice"
     } else {

@@ -45,7 +45,7 @@ fn is_beyond(scan: &Grid<Ct>, point_mm: &[f64; 3]) -> bool {
 
 /// The middle of the target.
 fn target_middle(anatomy: &Anatomy) -> Option<Point<Ct>> {
-    match &anatomy.aim {
+    match &anatomy.wanted {
         WantedTarget::Label(label) => {
             let grid = anatomy.labels.grid();
             let numbered = anatomy.labels.data().iter().enumerate().filter(|(_, found)| *found == label);

@@ -25,7 +25,7 @@ enum Extent<'a> {
 
 impl<'a> Extent<'a> {
     fn new(region: &WantedRegion, anatomy: &'a Anatomy) -> Self {
-        match &region.aim {
+        match &region.wanted {
             WantedTarget::Label(label) => {
                 let around = (region.margin_mm > 0.0).then(|| Boxes::new(&anatomy.labels, *label)).flatten();
                 Self::Label(*label, around.map(|boxes| (boxes, region.margin_mm)))
@@ -71,7 +71,7 @@ pub struct TargetRule<'a> {
 impl<'a> TargetRule<'a> {
     /// Of a case's target; `boxes` are the structures'.
     pub fn new(anatomy: &'a Anatomy, boxes: &'a [Option<Boxes<'a>>]) -> Self {
-        let main = WantedRegion { aim: anatomy.aim.clone(), margin_mm: 0.0 };
+        let main = WantedRegion { wanted: anatomy.wanted.clone(), margin_mm: 0.0 };
         let parts = [&main].into_iter().chain(&anatomy.also).map(|part| Extent::new(part, anatomy)).collect();
         let less = anatomy.less.iter().map(|part| Extent::new(part, anatomy)).collect();
         let near = anatomy.kept.iter().zip(boxes).filter(|(kept, _)| kept.clearance_mm > 0.0);

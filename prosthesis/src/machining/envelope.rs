@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 
 /// Gaps below this are taken for one surface, mm.
 const LEAST_GAP_MM: f64 = 0.02;
@@ -34,7 +34,7 @@ struct Crossing {
 
 impl Envelope {
     /// Of the facets of a closed mesh.
-    pub fn of(raster: &CellGrid, facets: &[Facet]) -> Self {
+    pub fn of(raster: &CellRaster, facets: &[Facet]) -> Self {
         let mut crossings = Vec::new();
         for facet in facets {
             add_crossings(raster, facet, &mut crossings);
@@ -68,7 +68,7 @@ impl Envelope {
     }
 
     /// Heights seen from the front or, turned, from the back.
-    pub fn heights(&self, raster: &CellGrid, facing: crate::machining::moves::Facing) -> Vec<f64> {
+    pub fn heights(&self, raster: &CellRaster, facing: crate::machining::moves::Facing) -> Vec<f64> {
         match facing {
             crate::machining::moves::Facing::Front => self.top.clone(),
             crate::machining::moves::Facing::Back => {
@@ -78,7 +78,7 @@ impl Envelope {
     }
 }
 
-fn add_crossings(raster: &CellGrid, [a, b, c]: &Facet, into: &mut Vec<Crossing>) {
+fn add_crossings(raster: &CellRaster, [a, b, c]: &Facet, into: &mut Vec<Crossing>) {
     let normal = (b - a).cross(&(c - a));
     if normal.z == 0.0 {
         return;

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::machining::moves::Facing;
-use crate::machining::raster::CellGrid;
+use crate::machining::raster::CellRaster;
 
 /// Thinner leftovers are not told, mm, nor smaller ones, mm³.
 const LEAST_MM: f64 = 0.05;
@@ -40,7 +40,7 @@ pub struct Leftover {
 
 /// Connected cells with `thickness_mm` above the least, the middle at `height_mm`.
 pub fn places(
-    raster: &CellGrid,
+    raster: &CellRaster,
     thickness_mm: &[f64],
     height_mm: &[f64],
     facing: Facing,

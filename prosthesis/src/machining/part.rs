@@ -10,14 +10,14 @@ use crate::machining::envelope::Envelope;
 use crate::machining::job::MachiningJob;
 use crate::machining::leftover::{self, Leftover, Reason};
 use crate::machining::moves::Facing;
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 use crate::machining::reach::THROUGH_MM;
 use crate::machining::silhouette::{Loop, NearestPoints, Silhouette, area_mm2, sampled};
 use crate::machining::strip::{Strip, Tab, outline_force_n};
 
 /// The part over a raster, with the strip around it; seen from the front.
 pub(crate) struct Part {
-    pub raster: CellGrid,
+    pub raster: CellRaster,
     pub envelope: Envelope,
     pub silhouette: Silhouette,
     pub strip: Strip,
@@ -35,7 +35,7 @@ pub(crate) struct Part {
 const HOLDS_MM: f64 = 0.5;
 
 impl Part {
-    pub fn with(raster: CellGrid, envelope: Envelope, silhouette: Silhouette, job: &MachiningJob) -> Self {
+    pub fn with(raster: CellRaster, envelope: Envelope, silhouette: Silhouette, job: &MachiningJob) -> Self {
         let strip = Strip::along(&raster, &envelope, &silhouette, job.process.strip_mm);
         let nearest = NearestPoints::of(&raster, &strip.points);
         let outer = silhouette.loops().filter(|l| area_mm2(l) > 0.0);
@@ -151,7 +151,7 @@ impl Part {
 }
 
 /// Cells of the block, seen from the front, that no frame beside the channel connects to the grip.
-fn loose(raster: &CellGrid, outside_mm: &[f64], job: &MachiningJob) -> Vec<bool> {
+fn loose(raster: &CellRaster, outside_mm: &[f64], job: &MachiningJob) -> Vec<bool> {
     let block = &job.block;
     let grip_v = -(block.low_mm.z + block.grip_mm);
     let in_block = |cell: usize| {
@@ -192,7 +192,7 @@ fn loose(raster: &CellGrid, outside_mm: &[f64], job: &MachiningJob) -> Vec<bool>
 }
 
 /// Distance to the part or to what is loose, whichever is nearer; loose cells count only as far as the cutter stays off the grip.
-fn milled_mm(raster: &CellGrid, outside_mm: &[f64], loose: &[bool], job: &MachiningJob) -> Vec<f64> {
+fn milled_mm(raster: &CellRaster, outside_mm: &[f64], loose: &[bool], job: &MachiningJob) -> Vec<f64> {
     let points: Vec<[f64; 2]> =
         (0..raster.len()).filter(|cell| loose[*cell]).map(|cell| raster.centre_of(cell)).collect();
     if points.is_empty() {
@@ -215,7 +215,7 @@ fn milled_mm(raster: &CellGrid, outside_mm: &[f64], loose: &[bool], job: &Machin
 }
 
 /// Cells that are connected to the raster's edge through cells that are `open`.
-fn reached_from_the_edge(raster: &CellGrid, open: impl Fn(usize) -> bool) -> Vec<bool> {
+fn reached_from_the_edge(raster: &CellRaster, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let [nu, nv] = raster.dims;
     let on_edge =
         |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);

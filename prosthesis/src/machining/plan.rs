@@ -13,7 +13,7 @@ use crate::machining::leftover::{self, Leftover, Reason};
 use crate::machining::moves::{Facing, Side, TipMove};
 use crate::machining::part::Part;
 use crate::machining::passes::Passes;
-use crate::machining::raster::CellGrid;
+use crate::machining::raster::CellRaster;
 use crate::machining::sides::Sight;
 use crate::machining::silhouette::Silhouette;
 use crate::machining::stock::Stock;
@@ -256,7 +256,7 @@ impl Part {
         let by_step = (CELL_IN_STEPS * job.process.finishing_step_mm).clamp(CELL_MM[0], CELL_MM[1]);
         let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(by_step);
         let over = |[low, high, v_mm]: [f64; 3]| {
-            let raster = CellGrid::over(low - reach, high + reach, v_mm + reach, pitch)?;
+            let raster = CellRaster::over(low - reach, high + reach, v_mm + reach, pitch)?;
             let envelope = Envelope::of(&raster, front);
             Ok(Self::with(raster, envelope, silhouette.clone(), job))
         };

@@ -16,7 +16,7 @@ const MOST_CELLS: f64 = 6e6;
 
 /// Square cells over (u, v).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CellGrid {
+pub struct CellRaster {
     /// Centre of cell (0, 0), mm.
     pub origin_mm: [f64; 2],
     /// Side of a cell, mm.
@@ -25,7 +25,7 @@ pub struct CellGrid {
     pub dims: [usize; 2],
 }
 
-impl CellGrid {
+impl CellRaster {
     /// Over u in `low..high` and |v| up to `v_mm`, with cells of `pitch_mm`, or larger where these would be too many.
     ///
     /// # Errors
@@ -199,7 +199,7 @@ impl Footprint {
     }
 
     /// Of a tool whose radius is larger by `grown_mm`.
-    pub fn of(raster: &CellGrid, tool: &EndMill, grown_mm: f64) -> Self {
+    pub fn of(raster: &CellRaster, tool: &EndMill, grown_mm: f64) -> Self {
         let reach = ((tool.radius_mm + grown_mm) / raster.pitch_mm).floor() as isize;
         let mut cells = Vec::new();
         for dv in -reach..=reach {

@@ -13,7 +13,7 @@ use std::collections::BinaryHeap;
 
 use bonemill_geometry::cancel;
 
-use crate::machining::raster::CellGrid;
+use crate::machining::raster::CellRaster;
 use crate::machining::silhouette::Loop;
 
 /// Outside the domain.
@@ -22,13 +22,13 @@ const OUTSIDE: f64 = -1.0;
 /// The field T over a raster; `OUTSIDE` outside its domain.
 #[derive(Debug, Clone)]
 pub struct Field {
-    raster: CellGrid,
+    raster: CellRaster,
     t: Vec<f64>,
 }
 
 impl Field {
     /// From a domain and the distance of its cells to its outer boundary (mm, only those near it matter), with the allowed step at each cell, mm.
-    pub fn march(raster: &CellGrid, domain: &[bool], inward_mm: &[f64], step_mm: &[f64]) -> Self {
+    pub fn march(raster: &CellRaster, domain: &[bool], inward_mm: &[f64], step_mm: &[f64]) -> Self {
         let mut field = Self { raster: *raster, t: vec![f64::INFINITY; raster.len()] };
         let mut heap = BinaryHeap::new();
         for cell in 0..raster.len() {
@@ -114,7 +114,7 @@ impl Field {
 }
 
 /// Closed iso-lines of a map over a raster by marching squares, the greater values on the right.
-pub fn iso_loops(raster: &CellGrid, map: &[f64], level: f64) -> Vec<Loop> {
+pub fn iso_loops(raster: &CellRaster, map: &[f64], level: f64) -> Vec<Loop> {
     let [nu, nv] = raster.dims;
     // an edge is named by its lower left cell and its direction; from each edge the line goes on to the next
     let mut next = std::collections::BTreeMap::new();

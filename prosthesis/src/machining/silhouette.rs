@@ -11,7 +11,7 @@ use i_overlay::mesh::outline::offset::OutlineOffset;
 use i_overlay::mesh::style::{LineJoin, OutlineStyle};
 
 use crate::machining::envelope::Facet;
-use crate::machining::raster::CellGrid;
+use crate::machining::raster::CellRaster;
 
 /// Loops below this area are specks between facets, mm².
 const LEAST_AREA_MM2: f64 = 1e-3;
@@ -90,7 +90,7 @@ impl NearestPoints {
     /// Two sweeps over the raster; every cell tries the points of its neighbours.
     ///
     /// **Source:** Danielsson 1980, "Euclidean distance mapping".
-    pub fn of(raster: &CellGrid, points: &[[f64; 2]]) -> Self {
+    pub fn of(raster: &CellRaster, points: &[[f64; 2]]) -> Self {
         let mut found = Self { point: vec![0; raster.len()], distance_mm: raster.filled(f64::INFINITY) };
         // every point is tried by the 5 × 5 cells around it
         let reach = 2.5 * raster.pitch_mm;
@@ -111,7 +111,7 @@ impl NearestPoints {
         found
     }
 
-    fn offer(&mut self, raster: &CellGrid, points: &[[f64; 2]], cell: usize, n: u32) {
+    fn offer(&mut self, raster: &CellRaster, points: &[[f64; 2]], cell: usize, n: u32) {
         let (c, p) = (raster.centre_of(cell), points[n as usize]);
         let distance = (c[0] - p[0]).hypot(c[1] - p[1]);
         if distance < self.distance_mm[cell] {
@@ -119,7 +119,7 @@ impl NearestPoints {
         }
     }
 
-    fn relax(&mut self, raster: &CellGrid, points: &[[f64; 2]], cell: usize) {
+    fn relax(&mut self, raster: &CellRaster, points: &[[f64; 2]], cell: usize) {
         let [nu, nv] = raster.dims;
         let (i, j) = (cell % nu, cell / nu);
         for j in j.saturating_sub(1)..(j + 2).min(nv) {

@@ -8,7 +8,7 @@
 use crate::machining::EndMill;
 use crate::machining::job::Block;
 use crate::machining::moves::Facing;
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 
 /// So that cells on the border of two strips count for one and the same side, in strips.
 const TIE: f64 = 1e-6;
@@ -21,7 +21,7 @@ const TO_CORNER: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Stock as one side sees it.
 #[derive(Debug, Clone)]
 pub struct Stock {
-    raster: CellGrid,
+    raster: CellRaster,
     tool: EndMill,
     /// At the cells' centres.
     pub centres: Surfaces,
@@ -40,7 +40,7 @@ pub struct Surfaces {
 
 impl Surfaces {
     /// The same seen from the other side.
-    fn turned(&self, raster: &CellGrid) -> Self {
+    fn turned(&self, raster: &CellRaster) -> Self {
         let other_way = |map: &[f64]| raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
         let cells = self.top.iter().zip(&self.other);
         let gone = cells.map(|(top, other)| if top > other { *other } else { f64::INFINITY });
@@ -53,7 +53,7 @@ pub type TipPoint = [f64; 3];
 
 impl Stock {
     /// The whole block.
-    pub fn block(raster: &CellGrid, block: &Block, tool: &EndMill, facing: Facing) -> Self {
+    pub fn block(raster: &CellRaster, block: &Block, tool: &EndMill, facing: Facing) -> Self {
         let (a, b) = (facing.from_block(&block.low_mm), facing.from_block(&block.high_mm));
         let (low, high) = (a.inf(&b), a.sup(&b));
         // of the cells, or of those that the block touches

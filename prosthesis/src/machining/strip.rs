@@ -8,7 +8,7 @@
 //! **Source:** Castelli et al. 2020, section 4.1 (holding strip, residual strip at the bottom).
 
 use crate::machining::envelope::Envelope;
-use crate::machining::raster::CellGrid;
+use crate::machining::raster::CellRaster;
 use crate::machining::silhouette::{NearestPoints, Silhouette, area_mm2, length_mm, sampled};
 
 /// How far inside the outline the rim is measured: at its edge, and where a slope has risen, mm.
@@ -59,7 +59,12 @@ pub struct StripStrength {
 
 impl Strip {
     /// Along the silhouette, `thickness_mm` thick.
-    pub fn along(raster: &CellGrid, envelope: &Envelope, silhouette: &Silhouette, thickness_mm: f64) -> Self {
+    pub fn along(
+        raster: &CellRaster,
+        envelope: &Envelope,
+        silhouette: &Silhouette,
+        thickness_mm: f64,
+    ) -> Self {
         let mut strip = Self { points: vec![], heights: vec![], rims: vec![], length_mm: 0.0 };
         let step = 0.5 * raster.pitch_mm;
         for outline in silhouette.loops() {
@@ -85,7 +90,7 @@ impl Strip {
     /// Upper side of the strip over the cells outside the part, seen from the front, or from the back when `turned`; `outside` elsewhere.
     pub fn body(
         &self,
-        raster: &CellGrid,
+        raster: &CellRaster,
         envelope: &Envelope,
         nearest: &NearestPoints,
         back: bool,
@@ -190,7 +195,7 @@ impl Rim {
     }
 }
 
-fn rim(raster: &CellGrid, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> Option<Rim> {
+fn rim(raster: &CellRaster, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> Option<Rim> {
     let at = |depth: f64| {
         let cell = raster.cell([p[0] + depth * inward[0], p[1] + depth * inward[1]])?;
         envelope.holds(cell).then(|| (envelope.bottom[cell], envelope.top[cell]))

@@ -19,7 +19,7 @@ use crate::machining::moves::Kind;
 use crate::machining::part::Part;
 use crate::machining::pass::{Height, TipPass, across_mm, refined};
 use crate::machining::passes::Passes;
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 use crate::machining::sides::{ALLOWANCE_MM, STEP_SHARE, Sight};
 use crate::machining::silhouette::{Loop, length_mm};
 use crate::machining::stock::{Stock, Surfaces, TipPoint};
@@ -64,7 +64,7 @@ impl Surface {
 
 /// Where the tip may be: over the raster in general, and exactly.
 struct Reach<'a> {
-    raster: &'a CellGrid,
+    raster: &'a CellRaster,
     /// Where the axis may be.
     domain: Vec<bool>,
     /// Lowest tip, mm.
@@ -270,7 +270,7 @@ pub(crate) fn apart_mm(tool: &EndMill, step_mm: f64, along: f64, across: f64) ->
 }
 
 /// Rise over run along u and v, the steeper of both ways, over the finite heights of a map.
-fn slopes(raster: &CellGrid, map: &[f64]) -> Vec<[f64; 2]> {
+fn slopes(raster: &CellRaster, map: &[f64]) -> Vec<[f64; 2]> {
     let [nu, nv] = raster.dims;
     let slope = |cell: usize| {
         let (i, j) = (cell % nu, cell / nu);
@@ -289,7 +289,7 @@ fn slopes(raster: &CellGrid, map: &[f64]) -> Vec<[f64; 2]> {
 /// Straight rows of a round over a raster along u (0) or v (1): `apart_mm` apart in the first round, half-way between those before in the next.
 ///
 /// From the middle outwards, on one side there and on the other back: all in one sense of cut, with short ways between them.
-fn rows(raster: &CellGrid, along: usize, apart_mm: f64, round: usize) -> Vec<Row> {
+fn rows(raster: &CellRaster, along: usize, apart_mm: f64, round: usize) -> Vec<Row> {
     let across = 1 - along;
     let (start, end) = (raster.origin_mm, raster.centre(raster.dims[0] - 1, raster.dims[1] - 1));
     let apart_mm = apart_mm / 2f64.powi(round as i32);
@@ -405,7 +405,7 @@ mod tests {
 
     #[test]
     fn rows_are_climb_and_later_rounds_lie_between() {
-        let raster = CellGrid::over(-5.0, 5.0, 5.0, 0.1).unwrap();
+        let raster = CellRaster::over(-5.0, 5.0, 5.0, 0.1).unwrap();
         for along in [0, 1] {
             let first = rows(&raster, along, 1.0, 0);
             let second = rows(&raster, along, 1.0, 1);

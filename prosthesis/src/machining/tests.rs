@@ -9,7 +9,7 @@ use crate::machining::dropcutter::DropCutter;
 use crate::machining::envelope::{Envelope, Facet};
 use crate::machining::pass::TipPass;
 use crate::machining::passes::Passes;
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 use crate::machining::reach::shift_to_reach_mm;
 use crate::machining::rings::{Field, iso_loops};
 use crate::machining::silhouette::{NearestPoints, Silhouette, area_mm2};
@@ -81,7 +81,7 @@ fn box_facets(low: [f64; 3], high: [f64; 3]) -> Vec<Facet> {
 
 #[test]
 fn an_envelope_tells_top_bottom_and_what_is_hidden() {
-    let raster = CellGrid::over(-3.0, 3.0, 3.0, 0.25).unwrap();
+    let raster = CellRaster::over(-3.0, 3.0, 3.0, 0.25).unwrap();
     let mut facets = box_facets([-2.0, -2.0, 0.0], [2.0, 2.0, 1.0]);
     facets.extend(box_facets([-2.0, -2.0, 3.0], [0.0, 2.0, 4.0]));
     let envelope = Envelope::of(&raster, &facets);
@@ -106,7 +106,7 @@ fn a_silhouette_and_its_offset_have_their_areas() {
 
 #[test]
 fn nearest_points_are_those_of_brute_force() {
-    let raster = CellGrid::over(0.0, 4.0, 2.0, 0.2).unwrap();
+    let raster = CellRaster::over(0.0, 4.0, 2.0, 0.2).unwrap();
     let points: Vec<[f64; 2]> =
         (0..40).map(|n| [2.0 + (n as f64 * 0.37).sin(), (n as f64 * 0.61).cos()]).collect();
     let nearest = NearestPoints::of(&raster, &points);
@@ -123,7 +123,7 @@ fn nearest_points_are_those_of_brute_force() {
 
 #[test]
 fn rings_of_a_disc_are_circles_one_step_apart_and_clockwise() {
-    let raster = CellGrid::over(-6.0, 6.0, 6.0, 0.1).unwrap();
+    let raster = CellRaster::over(-6.0, 6.0, 6.0, 0.1).unwrap();
     let inward: Vec<f64> =
         (0..raster.len()).map(|c| 5.0 - raster.centre_of(c)[0].hypot(raster.centre_of(c)[1])).collect();
     let domain: Vec<bool> = inward.iter().map(|d| *d >= 0.0).collect();
@@ -138,7 +138,7 @@ fn rings_of_a_disc_are_circles_one_step_apart_and_clockwise() {
 #[test]
 fn a_ridge_gets_a_line_half_way() {
     // a strip of half-width 2.8 steps: lines at 1, 2 and, since 0.8 is more than a half, at 2.5
-    let raster = CellGrid::over(-6.0, 6.0, 4.0, 0.1).unwrap();
+    let raster = CellRaster::over(-6.0, 6.0, 4.0, 0.1).unwrap();
     let inward: Vec<f64> = (0..raster.len())
         .map(|c| raster.centre_of(c))
         .map(|[u, v]| (5.0 - u.abs()).min(2.8 - v.abs()))
@@ -150,7 +150,7 @@ fn a_ridge_gets_a_line_half_way() {
 
 #[test]
 fn iso_lines_have_the_greater_on_their_right() {
-    let raster = CellGrid::over(-2.0, 2.0, 2.0, 0.1).unwrap();
+    let raster = CellRaster::over(-2.0, 2.0, 2.0, 0.1).unwrap();
     let map: Vec<f64> =
         (0..raster.len()).map(|c| raster.centre_of(c)[0].hypot(raster.centre_of(c)[1])).collect();
     // greater outside: counter-clockwise around the middle has the outside on its right
@@ -161,7 +161,7 @@ fn iso_lines_have_the_greater_on_their_right() {
 #[test]
 fn a_map_dilated_and_eroded_is_closed() {
     // a slot narrower than the tool stays filled, a wide one opens
-    let raster = CellGrid::over(-6.0, 6.0, 2.0, 0.1).unwrap();
+    let raster = CellRaster::over(-6.0, 6.0, 2.0, 0.1).unwrap();
     let depth = |u: f64| if (u + 3.0).abs() < 0.6 || (u - 2.0).abs() < 1.6 { 0.0 } else { 2.0 };
     let map: Vec<f64> = (0..raster.len()).map(|c| depth(raster.centre_of(c)[0])).collect();
     let cutter = tool(1.0, 0.0);
@@ -172,7 +172,7 @@ fn a_map_dilated_and_eroded_is_closed() {
 
 #[test]
 fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
-    let raster = CellGrid::over(-10.0, 10.0, 10.0, 0.1).unwrap();
+    let raster = CellRaster::over(-10.0, 10.0, 10.0, 0.1).unwrap();
     let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
     let cutter = tool(1.5, 0.0);
     let mut stock = Stock::block(&raster, &block, &cutter, Facing::Front);
@@ -190,7 +190,7 @@ fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
 
 #[test]
 fn a_ridge_between_cells_stands_in_the_way_from_either_side() {
-    let raster = CellGrid::over(-10.0, 10.0, 10.0, 0.1).unwrap();
+    let raster = CellRaster::over(-10.0, 10.0, 10.0, 0.1).unwrap();
     let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
     let mut stock = Stock::block(&raster, &block, &tool(1.5, 0.0), Facing::Front);
     let cut_beside = |stock: &mut Stock, ridge_mm: f64, w: f64| {
@@ -243,7 +243,7 @@ fn flat_job() -> MachiningJob {
 #[test]
 fn a_wall_along_the_cells_is_cut_wherever_it_lies() {
     let job = flat_job();
-    let raster = CellGrid::over(-10.0, 10.0, 10.0, 0.12).unwrap();
+    let raster = CellRaster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
     // passes along a row of cells, each 0.05 mm deeper into a wall than the one before
     let (step, w) = (0.05, 5.0);
     let line = |v: f64| -> Vec<[f64; 3]> { (-60..=60).map(|n| [0.15 * f64::from(n), v, w]).collect() };
@@ -270,7 +270,7 @@ fn a_wall_along_the_cells_is_cut_wherever_it_lies() {
 
 #[test]
 fn a_way_that_must_rise_does_so_before_it_goes_across() {
-    let raster = CellGrid::over(-10.0, 10.0, 10.0, 0.12).unwrap();
+    let raster = CellRaster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
     let job = flat_job();
     let stock = Stock::block(&raster, &job.block, &job.tool, Facing::Front);
     let mut passes = Passes::new(&job, Facing::Front, Side::A, stock, None);

@@ -28,7 +28,7 @@ const TURN_RAD: f64 = 0.05;
 
 /// How an arm drives the moves.
 #[derive(Debug, Clone)]
-pub struct DrivenMoves {
+pub struct MachiningMotion {
     /// Joint positions over time.
     pub law: TimeLaw,
     /// The arm's branch.
@@ -46,7 +46,7 @@ pub fn spindle_on_flange(
     arm: &Arm,
     base_from_machine: &Isometry3<f64>,
     moves: &[TipMove],
-) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
+) -> Result<Result<MachiningMotion, OutOfReach>, MachiningError> {
     let axis = Unit::new_normalize(base_from_machine.rotation * Vector3::z());
     motion(arm, &Way::in_base(base_from_machine, axis, moves), RollFrame::about(&axis))
 }
@@ -61,12 +61,16 @@ pub fn spindle_on_flange(
 pub fn block_on_flange(
     arm: &Arm,
     moves: &[TipMove],
-) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
+) -> Result<Result<MachiningMotion, OutOfReach>, MachiningError> {
     // across all directions of the cutter's axis, which turns about x
     motion(arm, &Way::in_block(moves), RollFrame::about(&Vector3::x_axis()))
 }
 
-fn motion(arm: &Arm, way: &Way, frame: RollFrame) -> Result<Result<DrivenMoves, OutOfReach>, MachiningError> {
+fn motion(
+    arm: &Arm,
+    way: &Way,
+    frame: RollFrame,
+) -> Result<Result<MachiningMotion, OutOfReach>, MachiningError> {
     let path = PosePath {
         poses: &way.poses,
         length_mm: &way.length_mm,
@@ -88,7 +92,7 @@ fn motion(arm: &Arm, way: &Way, frame: RollFrame) -> Result<Result<DrivenMoves, 
     let stops: Vec<usize> = way.stops.iter().filter_map(|n| dense.waypoints.get(*n).copied()).collect();
     let joint_path = JointPath { q: &dense.q, burr_mm: &dense.burr_mm, pose: &dense.pose, stops: &stops };
     let law = PreparedPath::new(&joint_path, &limits)?.law(&dense.per_place(&way.cap_mm_s))?;
-    Ok(Ok(DrivenMoves { law, branch: resolved.branch }))
+    Ok(Ok(MachiningMotion { law, branch: resolved.branch }))
 }
 
 /// The tip's way in the arm's work frame.

@@ -11,7 +11,7 @@ use crate::machining::moves::Kind;
 use crate::machining::part::Part;
 use crate::machining::pass::{TipPass, refined};
 use crate::machining::passes::Passes;
-use crate::machining::raster::{CellGrid, NONE};
+use crate::machining::raster::{CellRaster, NONE};
 use crate::machining::sides::{ALLOWANCE_MM, Sight};
 
 /// Spacings of the published tool path, mm.
@@ -71,7 +71,7 @@ impl Sight<'_> {
     /// Rows along u over the raster, every other one backwards.
     fn rows(
         &self,
-        raster: &CellGrid,
+        raster: &CellRaster,
         apart_mm: f64,
         height: impl Fn([f64; 2]) -> f64 + Sync,
     ) -> Vec<TipPass> {

@@ -30,7 +30,7 @@ pub struct Tolerance {
 
 /// A straight move of all axes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AxisMove {
+pub struct JointMove {
     /// Where it ends, mm or rad by joint.
     pub q: Vec<f64>,
     /// Duration, s; 0 for the first block.
@@ -49,9 +49,9 @@ pub fn straight_blocks(
     rows: &ExportRows<'_>,
     ends_s: &[f64],
     tolerance: Tolerance,
-) -> Result<Vec<AxisMove>, RobotError> {
+) -> Result<Vec<JointMove>, RobotError> {
     let weights = weights(arm);
-    let of_move = |of: usize| -> Result<Vec<AxisMove>, RobotError> {
+    let of_move = |of: usize| -> Result<Vec<JointMove>, RobotError> {
         let from_s = if of == 0 { 0.0 } else { ends_s[of - 1] };
         let span_s = ends_s[of] - from_s;
         let looks = ((span_s * LOOKED_AT_HZ).ceil() as usize).max(LEAST_LOOKS);
@@ -61,7 +61,7 @@ pub fn straight_blocks(
         };
         if span_s <= 0.0 {
             // the start of the motion, and moves of no length
-            let start = AxisMove { q: rows.at(from_s), duration_s: 0.0, of };
+            let start = JointMove { q: rows.at(from_s), duration_s: 0.0, of };
             return Ok(if of == 0 { vec![start] } else { vec![] });
         }
         let places = (0..=looks).map(place).collect::<Result<Vec<_>, _>>()?;
@@ -69,7 +69,7 @@ pub fn straight_blocks(
         let split = Split { arm, places: &places, weights: &weights, tolerance };
         split.ends(0, looks, &mut |end| {
             let MotionSample { time_s, q, .. } = &places[end];
-            blocks.push(AxisMove { q: q.clone(), duration_s: time_s - before_s, of });
+            blocks.push(JointMove { q: q.clone(), duration_s: time_s - before_s, of });
             before_s = *time_s;
         })?;
         Ok(blocks)

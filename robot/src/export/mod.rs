@@ -11,7 +11,7 @@ mod ros;
 mod rows;
 mod urscript;
 
-pub use blocks::{AxisMove, Tolerance, straight_blocks};
+pub use blocks::{JointMove, Tolerance, straight_blocks};
 pub use csv::write_trajectory_csv;
 pub use gcode::{Gcode, GcodeMove, is_cartesian, write_gcode};
 pub use ros::{write_ros_json, write_ros_yaml};

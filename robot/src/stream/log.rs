@@ -11,7 +11,7 @@ use std::io::{self, Write};
 
 use crate::stream::error::StreamError;
 use crate::stream::link::Joints;
-use crate::stream::session::{AfterStep, Seen, Session};
+use crate::stream::session::{Decision, Seen, Session};
 
 pub use aside::Aside;
 
@@ -64,7 +64,7 @@ impl<W: Write> LogWriter<W> {
     ///
     /// # Errors
     /// What the writer says.
-    pub fn step(&mut self, session: &Session<'_>, seen: &Seen, step: &AfterStep) -> io::Result<()> {
+    pub fn step(&mut self, session: &Session<'_>, seen: &Seen, step: &Decision) -> io::Result<()> {
         let time_s = seen.now_s - *self.began_s.get_or_insert(seen.now_s);
         self.late_s = self.late_s.max(self.wake_s.map_or(0.0, |wake_s| seen.now_s - wake_s));
         let off_mm = session.deviation().map(|d| d.off_mm);

@@ -43,6 +43,6 @@ pub use link::{
 };
 pub use log::{Aside, Log, LogWriter};
 pub use plan::{HoldPlace, Near, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear};
-pub use session::{AfterStep, Seen, Session};
+pub use session::{Decision, Seen, Session};
 pub use settings::{Settings, StreamTiming};
 pub use track::Track;

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use super::outline::SeenSurface;
 
 /// The surface with the vertices of every cube of `cell_mm` at that of the cube's first vertex.
-pub(super) fn coarse(silhouette: &SeenSurface, cell_mm: f64) -> SeenSurface {
-    let (vertices, triangles) = silhouette.surface();
+pub(super) fn coarse(surface: &SeenSurface, cell_mm: f64) -> SeenSurface {
+    let (vertices, triangles) = surface.surface();
     let mut first: BTreeMap<[i64; 3], u32> = BTreeMap::new();
     let mut kept = Vec::new();
     let mut merged = Vec::with_capacity(vertices.len());

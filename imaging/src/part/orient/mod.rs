@@ -51,18 +51,18 @@ pub struct Laid {
 
 impl Laid {
     /// The part turned by `rotation`, its bounding box around the origin.
-    pub fn turned(mesh: &Mesh<Part>, silhouette: &SeenSurface, rotation: &Rotation3<f64>) -> Self {
+    pub fn turned(mesh: &Mesh<Part>, surface: &SeenSurface, rotation: &Rotation3<f64>) -> Self {
         let (low, high) = bounds(mesh, rotation);
         Self {
             block_from_part: Rigid::new(*rotation, -(low + high) / 2.0),
             size_mm: high - low,
-            residual: silhouette.residual(rotation),
+            residual: surface.residual(rotation),
         }
     }
 
     /// The part as its file gives it.
-    pub fn as_given(mesh: &Mesh<Part>, silhouette: &SeenSurface) -> Self {
-        Self::turned(mesh, silhouette, &Rotation3::identity())
+    pub fn as_given(mesh: &Mesh<Part>, surface: &SeenSurface) -> Self {
+        Self::turned(mesh, surface, &Rotation3::identity())
     }
 }
 

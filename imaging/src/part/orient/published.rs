@@ -27,12 +27,12 @@ pub struct OrientationRun {
 }
 
 /// The runs of the procedure, from the part as its file gives it; the last one changes nothing of account.
-pub fn published(mesh: &Mesh<Part>, silhouette: &SeenSurface) -> Vec<OrientationRun> {
+pub fn published(mesh: &Mesh<Part>, surface: &SeenSurface) -> Vec<OrientationRun> {
     let mut rotation = Rotation3::identity();
     let mut runs: Vec<OrientationRun> = Vec::new();
     while runs.len() < MOST_RUNS {
         for plane in ProjectionPlane::ALL {
-            let outline = silhouette.outline(&rotation, plane);
+            let outline = surface.outline(&rotation, plane);
             let steps = (PI / ANGLE_STEP_RAD).round() as usize;
             let angle = |step: usize| step as f64 * ANGLE_STEP_RAD;
             let is_along = |angle_rad: f64| {
@@ -44,7 +44,7 @@ pub fn published(mesh: &Mesh<Part>, silhouette: &SeenSurface) -> Vec<Orientation
                 .min_by(|&a, &b| outline.residual_mm2(angle(a)).total_cmp(&outline.residual_mm2(angle(b))));
             rotation = plane.turn(angle(least.unwrap_or(0))) * rotation;
         }
-        let laid = Laid::turned(mesh, silhouette, &outer_side_up(mesh, &rotation));
+        let laid = Laid::turned(mesh, surface, &outer_side_up(mesh, &rotation));
         let before = runs.last().map(|run| run.laid.residual);
         let now = laid.residual;
         runs.push(OrientationRun { laid });

@@ -25,13 +25,9 @@ const CALIPER_ROUNDS: usize = 6;
 
 /// The orientation with the least sum of residual areas that the search finds; `runs` are those of the published procedure, whose
 /// end it is never worse than.
-pub fn least_residual(
-    mesh: &Mesh<Part>,
-    silhouette: &SeenSurface,
-    runs: &[published::OrientationRun],
-) -> Laid {
-    let size_mm = Laid::as_given(mesh, silhouette).size_mm.max();
-    let small = coarse(silhouette, CELL_SHARE * size_mm);
+pub fn least_residual(mesh: &Mesh<Part>, surface: &SeenSurface, runs: &[published::OrientationRun]) -> Laid {
+    let size_mm = Laid::as_given(mesh, surface).size_mm.max();
+    let small = coarse(surface, CELL_SHARE * size_mm);
     let end = runs.last().map(|run| run.laid.block_from_part.rotation);
     let starts: Vec<Rotation3<f64>> =
         [Some(Rotation3::identity()), Some(principal_axes(mesh)), end].into_iter().flatten().collect();
@@ -41,9 +37,9 @@ pub fn least_residual(
     ends.sort_by(|a, b| a.0.total_cmp(&b.0));
     let from = ends.first().map_or_else(Rotation3::identity, |(_, rotation)| *rotation);
     let candidates = [Some(from), end].into_iter().flatten();
-    let refined = candidates.map(|start| descend(silhouette, &start, FINE_STEPS_RAD));
+    let refined = candidates.map(|start| descend(surface, &start, FINE_STEPS_RAD));
     let best = refined.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(from, |(_, rotation)| rotation);
-    Laid::turned(mesh, silhouette, &sides_in_order(mesh, &best))
+    Laid::turned(mesh, surface, &sides_in_order(mesh, &best))
 }
 
 /// Axes of the vertices' spread: widest along x, narrowest along y.
@@ -64,11 +60,11 @@ fn principal_axes(mesh: &Mesh<Part>) -> Rotation3<f64> {
 }
 
 /// Turns each plane to its exact rectangle, as long as the sum of the areas falls.
-fn by_calipers(silhouette: &SeenSurface, start: &Rotation3<f64>) -> Rotation3<f64> {
-    let mut best = (silhouette.residual(start).sum_mm2(), *start);
+fn by_calipers(surface: &SeenSurface, start: &Rotation3<f64>) -> Rotation3<f64> {
+    let mut best = (surface.residual(start).sum_mm2(), *start);
     for plane in ProjectionPlane::ALL.into_iter().cycle().take(3 * CALIPER_ROUNDS) {
-        let turned = plane.turn(-least_angle(&silhouette.outline(&best.1, plane))) * best.1;
-        let sum_mm2 = silhouette.residual(&turned).sum_mm2();
+        let turned = plane.turn(-least_angle(&surface.outline(&best.1, plane))) * best.1;
+        let sum_mm2 = surface.residual(&turned).sum_mm2();
         if sum_mm2 < best.0 {
             best = (sum_mm2, turned);
         }
@@ -85,8 +81,8 @@ pub(super) fn least_angle(outline: &Outline) -> f64 {
 }
 
 /// Downhill from `start`: steps about the block's axes, halved from the first to the last of `steps_rad`; the sum reached, mm².
-fn descend(silhouette: &SeenSurface, start: &Rotation3<f64>, steps_rad: [f64; 2]) -> (f64, Rotation3<f64>) {
-    let mut best = (silhouette.residual(start).sum_mm2(), *start);
+fn descend(surface: &SeenSurface, start: &Rotation3<f64>, steps_rad: [f64; 2]) -> (f64, Rotation3<f64>) {
+    let mut best = (surface.residual(start).sum_mm2(), *start);
     let mut step_rad = steps_rad[0];
     while step_rad >= steps_rad[1] {
         let turns: Vec<Rotation3<f64>> = (0..6)
@@ -94,7 +90,7 @@ fn descend(silhouette: &SeenSurface, start: &Rotation3<f64>, steps_rad: [f64; 2]
                 Rotation3::new(Vector3::ith(n / 2, if n % 2 == 0 { step_rad } else { -step_rad })) * best.1
             })
             .collect();
-        let tried = turns.into_par_iter().map(|turned| (silhouette.residual(&turned).sum_mm2(), turned));
+        let tried = turns.into_par_iter().map(|turned| (surface.residual(&turned).sum_mm2(), turned));
         let tried: Vec<(f64, Rotation3<f64>)> = tried.collect();
         match tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).filter(|t| t.0 < best.0) {
             Some(better) => best = better,

@@ -10,15 +10,15 @@ use super::super::target::TargetRule;
 
 /// What has mass: in the target all that is above `air_hu`, elsewhere bone. Soft tissue outside the target is retracted.
 #[derive(Debug)]
-pub struct MassAround<'a> {
+pub struct MassRule<'a> {
     anatomy: &'a Anatomy,
     density: &'a Density,
     inside: Inside<'a>,
     ct_from_grid: Rigid<Ct, Work>,
 }
 
-impl<'a> MassAround<'a> {
-    /// The bone of a case. `around`: a grid around the target.
+impl<'a> MassRule<'a> {
+    /// The rule of a case. `around`: a grid around the target.
     ///
     /// # Errors
     /// [`VerifyError::Grid`] if the grid of the enclosed air cannot be made.

@@ -1,7 +1,7 @@
 //! Computes the burr's force along the driven motion, and checks what the plan states about it.
 //!
 //! The burr follows the trajectory ([`DrivenPath`]). At the end of each step the sum over its surface ([`BurrSum`]) counts the bone of
-//! the images ([`MassAround`]) that no earlier piece of the driven path has removed ([`Covered`]). Where the trajectory cuts a corner, a skin of
+//! the images ([`MassRule`]) that no earlier piece of the driven path has removed ([`Covered`]). Where the trajectory cuts a corner, a skin of
 //! bone stays; it gives force when the burr comes back, whether that move is a cut or a link. However thin the skin is, all of the
 //! burr's surface that moves into it cuts.
 //!
@@ -20,7 +20,7 @@ use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use self::bone::MassAround;
+use self::bone::MassRule;
 use self::covered::Covered;
 use self::path::{DrivenPath, PieceStep};
 use self::sum::{BurrSum, Engaged};
@@ -98,7 +98,7 @@ impl<'a> DrivenForce<'a> {
         let ct_from_grid = plan.record.frames.ct_from_grid();
         let dims = plan.record.frames.grid.dims;
         let grid = Grid::aligned(dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
-        let bone = MassAround::new(target, &case.density, ct_from_grid, &grid)?;
+        let bone = MassRule::new(target, &case.density, ct_from_grid, &grid)?;
         let turning = plan.record.burr();
         let burr = BurrSum::new(&turning, &case.material, NODES);
         let space = swept_box(path, scan_box(anatomy, &ct_from_grid.inverse()), case.burr.radius_mm);

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::proof::cutter::CutterShape;
-use crate::proof::gcode::{ProgramMove, SideUp};
+use crate::proof::gcode::{ProgramMotion, SideUp};
 use crate::proof::{ProofError, ProofJob};
 
 /// Most points that are taken.
@@ -84,7 +84,7 @@ fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Surface
 }
 
 /// Fills in every sample's deviation.
-pub fn measure(samples: &mut [SurfaceSample], motions: &[ProgramMove], job: &ProofJob) {
+pub fn measure(samples: &mut [SurfaceSample], motions: &[ProgramMotion], job: &ProofJob) {
     let cutter = CutterShape { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
     let swept = |reach: f64| {
         [SideUp::Front, SideUp::Back].map(|facing| Swept::of(motions, facing, job, job.radius_mm + reach))
@@ -114,7 +114,7 @@ struct Swept {
 }
 
 impl Swept {
-    fn of(all: &[ProgramMove], facing: SideUp, job: &ProofJob, reach: f64) -> Self {
+    fn of(all: &[ProgramMotion], facing: SideUp, job: &ProofJob, reach: f64) -> Self {
         let this_side = all.iter().filter(|m| m.facing == facing && !m.turns);
         let motions: Vec<[Vector3<f64>; 2]> = this_side.map(|m| [m.from_mm, m.to_mm]).collect();
         let corners = [facing.machine(&job.low_mm), facing.machine(&job.high_mm)];

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 
 use crate::proof::chip::{Chip, RecentTeeth, Teeth};
 use crate::proof::finer::{FINER, finer_width_mm};
-use crate::proof::gcode::{ProgramMove, SideUp};
+use crate::proof::gcode::{ProgramMotion, SideUp};
 use crate::proof::hold::{Hold, LoosePiece, OVERLAP_MM, Window};
 use crate::proof::{ProofError, ProofJob};
 
@@ -86,7 +86,7 @@ pub struct Replay {
 ///
 /// # Errors
 /// [`ProofError::Value`] where the block has too many columns.
-pub fn replay(motions: &[ProgramMove], job: &ProofJob) -> Result<Replay, ProofError> {
+pub fn replay(motions: &[ProgramMotion], job: &ProofJob) -> Result<Replay, ProofError> {
     let mut stock = Columns::of(job)?;
     let mut hold = Hold::of(&stock, job.grip_mm);
     let mut found = Replay {
@@ -235,7 +235,7 @@ impl Columns {
     }
 
     /// The cells that a tool may reach on a motion.
-    fn touched(&self, motion: &ProgramMove, radius_mm: f64) -> Window {
+    fn touched(&self, motion: &ProgramMotion, radius_mm: f64) -> Window {
         let turn = if motion.facing == SideUp::Front { -1.0 } else { 1.0 };
         let (a, b) = (motion.from_mm, motion.to_mm);
         [(0, a.x, b.x), (1, turn * a.y, turn * b.y)]
@@ -251,7 +251,7 @@ impl Columns {
     }
 
     /// Stamps the cutter along a motion; gives the thickest stock that it took.
-    pub fn drive(&mut self, motion: &ProgramMove, job: &ProofJob, width: &mut Width) -> f64 {
+    pub fn drive(&mut self, motion: &ProgramMotion, job: &ProofJob, width: &mut Width) -> f64 {
         let along = motion.to_mm - motion.from_mm;
         let across = along.xy().norm();
         let count = (across / (0.5 * self.cell)).ceil().max(1.0) as usize;
@@ -284,7 +284,7 @@ impl Columns {
     }
 
     /// Those of the stamps 1 to `count` of a motion at which a tool may be over the columns.
-    fn meeting(&self, motion: &ProgramMove, count: usize, radius_mm: f64) -> std::ops::Range<usize> {
+    fn meeting(&self, motion: &ProgramMotion, count: usize, radius_mm: f64) -> std::ops::Range<usize> {
         let turn = if motion.facing == SideUp::Front { -1.0 } else { 1.0 };
         let (mut first, mut last) = (0.0f64, 1.0f64);
         for (axis, from, to) in
@@ -313,7 +313,7 @@ impl Columns {
     fn stamp(
         &mut self,
         tip: &Vector3<f64>,
-        motion: &ProgramMove,
+        motion: &ProgramMotion,
         direction: [f64; 2],
         job: &ProofJob,
     ) -> (f64, u128, Teeth) {
@@ -354,7 +354,7 @@ impl Columns {
     }
 
     /// By how much a rapid motion that does not rise is lower than its height above the stock under the cutter, mm.
-    fn low_mm(&self, motion: &ProgramMove, job: &ProofJob) -> f64 {
+    fn low_mm(&self, motion: &ProgramMotion, job: &ProofJob) -> f64 {
         let (from, to) = (motion.from_mm, motion.to_mm);
         let rises = (to - from).xy().norm() == 0.0 && to.z >= from.z;
         if !motion.rapid || rises {
@@ -390,7 +390,7 @@ impl Columns {
     }
 
     /// How deep the holder is in stock anywhere on a motion, mm.
-    fn holder_mm(&self, motion: &ProgramMove, job: &ProofJob) -> f64 {
+    fn holder_mm(&self, motion: &ProgramMotion, job: &ProofJob) -> f64 {
         let mut base = motion.from_mm.z.min(motion.to_mm.z) + job.length_mm;
         let top = job.low_mm.y.abs().max(job.high_mm.y.abs());
         let mut deepest = 0.0_f64;
@@ -407,7 +407,7 @@ impl Columns {
     }
 
     /// The highest stock within the rectangle around a motion and a distance from it, mm.
-    fn highest_near(&self, motion: &ProgramMove, radius: f64) -> f64 {
+    fn highest_near(&self, motion: &ProgramMotion, radius: f64) -> f64 {
         let [columns, rows] = self.touched(motion, radius);
         let mut highest = f64::NEG_INFINITY;
         for k in rows {

@@ -5,7 +5,7 @@
 
 use crate::proof::ProofJob;
 use crate::proof::dexels::{Columns, Width};
-use crate::proof::gcode::{ProgramMove, SideUp};
+use crate::proof::gcode::{ProgramMotion, SideUp};
 
 /// Columns of the second measure across one of the first.
 pub(crate) const FINER: f64 = 4.0;
@@ -25,13 +25,13 @@ pub(crate) struct Finer {
 /// Width of cut of the last of some motions, on finer columns around it that all motions before have cut, mm. `kept`: those of a motion before,
 /// which go on where they reach far enough: motions that are looked at twice come one after the other.
 pub(crate) fn finer_width_mm(
-    motions: &[ProgramMove],
+    motions: &[ProgramMotion],
     job: &ProofJob,
     cell: f64,
     kept: &mut Option<Finer>,
 ) -> f64 {
     let Some(last) = motions.last() else { return 0.0 };
-    let bounds = |m: &ProgramMove| {
+    let bounds = |m: &ProgramMotion| {
         let turn = if m.facing == SideUp::Front { -1.0 } else { 1.0 };
         let (a, b) = ([m.from_mm.x, turn * m.from_mm.y], [m.to_mm.x, turn * m.to_mm.y]);
         [0, 1].map(|n| (a[n].min(b[n]), a[n].max(b[n])))
@@ -55,7 +55,7 @@ pub(crate) fn finer_width_mm(
         None => kept.insert(new()),
     };
     let window = finer.window;
-    let is_near = |m: &&ProgramMove| {
+    let is_near = |m: &&ProgramMotion| {
         let bounds = bounds(m);
         let r = job.radius_mm;
         !m.turns && (0..2).all(|n| bounds[n].0 <= window[n].1 + r && bounds[n].1 >= window[n].0 - r)

@@ -33,7 +33,7 @@ impl SideUp {
 
 /// A straight motion of the tip in the machine's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ProgramMove {
+pub struct ProgramMotion {
     /// Start, mm.
     pub from_mm: Vector3<f64>,
     /// End, mm.
@@ -58,7 +58,7 @@ pub struct ProgramMove {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Program {
     /// Motions in their order.
-    pub motions: Vec<ProgramMove>,
+    pub motions: Vec<ProgramMotion>,
 }
 
 /// Z of the machine's top, mm: above every block and holder.
@@ -158,7 +158,7 @@ fn words(line: &str) -> Result<Vec<(char, f64)>, String> {
 }
 
 impl Machine {
-    fn run(&mut self, words: &[(char, f64)], line: usize) -> Result<Option<ProgramMove>, String> {
+    fn run(&mut self, words: &[(char, f64)], line: usize) -> Result<Option<ProgramMotion>, String> {
         if self.ended && !words.is_empty() {
             return Err("the program goes on after its end".into());
         }
@@ -259,7 +259,7 @@ impl Machine {
     }
 
     /// Up to the machine's top, from wherever the tip is.
-    fn retract_to_top(&mut self, line: usize) -> Result<Option<ProgramMove>, String> {
+    fn retract_to_top(&mut self, line: usize) -> Result<Option<ProgramMotion>, String> {
         if self.rapid != Some(true) {
             return Err("G53 with G0 was expected".into());
         }
@@ -277,9 +277,9 @@ impl Machine {
         to_mm: Vector3<f64>,
         a_deg: f64,
         line: usize,
-    ) -> Result<ProgramMove, String> {
+    ) -> Result<ProgramMotion, String> {
         let (facing, spindle_rpm) = (facing(a_deg)?, self.speed_rpm);
-        Ok(ProgramMove {
+        Ok(ProgramMotion {
             from_mm,
             to_mm,
             facing,
@@ -297,7 +297,7 @@ impl Machine {
         target: [Option<f64>; 3],
         a_deg: Option<f64>,
         line: usize,
-    ) -> Result<Option<ProgramMove>, String> {
+    ) -> Result<Option<ProgramMotion>, String> {
         let rapid = self.rapid.ok_or("a motion without G0 or G1")?;
         if !(self.millimetres && self.absolute) {
             return Err("a motion before G21 and G90".into());
@@ -325,7 +325,7 @@ impl Machine {
         if turns && !rapid {
             return Err("A turns while the cutter cuts".into());
         }
-        let mut motion = ProgramMove { turns, ..self.rapid_motion(from_mm, to_mm, a_deg, line)? };
+        let mut motion = ProgramMotion { turns, ..self.rapid_motion(from_mm, to_mm, a_deg, line)? };
         if !rapid {
             (motion.rapid, motion.feed_mm_min) = (false, self.feed_mm_min);
         }
@@ -337,7 +337,7 @@ impl Machine {
         &mut self,
         (at, a_before): ([Option<f64>; 3], Option<f64>),
         line: usize,
-    ) -> Result<Option<ProgramMove>, String> {
+    ) -> Result<Option<ProgramMotion>, String> {
         if self.rapid != Some(true) {
             return Err("a cut with Z at the machine's top".into());
         }

@@ -30,7 +30,7 @@ pub use chip::Chip;
 pub use deviation::{SurfaceSample, UncutPlace};
 pub use dexels::{Collision, Struck, WideCut};
 pub use error::ProofError;
-pub use gcode::{Program, ProgramMove};
+pub use gcode::{Program, ProgramMotion};
 pub use hold::LoosePiece;
 
 /// What the program is judged with, in plain numbers.

@@ -8,7 +8,7 @@ use bonemill_arm::ur::UrModel;
 use bonemill_geometry::Rigid;
 
 use super::*;
-use crate::stream::simulated::fault::FaultDraws;
+use crate::stream::simulated::fault::SeededDraws;
 
 fn arm() -> Arm {
     let flange_from_burr = Rigid::new(nalgebra::Rotation3::identity(), Vector3::new(20.0, 0.0, 180.0));
@@ -27,7 +27,7 @@ struct Piece {
     direction: Joints,
 }
 
-fn piece(draws: &mut FaultDraws, noise: f64) -> Piece {
+fn piece(draws: &mut SeededDraws, noise: f64) -> Piece {
     let mut some = |size: f64| -> Joints { std::array::from_fn(|_| draws.between(-size, size)) };
     let (start, direction, turn, moved) = (some(2.0), some(0.1), some(0.01), some(0.01));
     let steps: Vec<Joints> = (0..=8).map(|_| some(noise)).collect();
@@ -64,7 +64,7 @@ fn burr_mm(arm: &Arm, q: &Joints) -> Vector3<f64> {
 
 #[test]
 fn means_with_any_weights_keep_to_the_bound_and_the_worst_use_it() {
-    let mut draws = FaultDraws::new(1);
+    let mut draws = SeededDraws::new(1);
     for arm in arms() {
         let mut fullest: f64 = 0.0;
         for draw in 0..2000 {
@@ -94,7 +94,7 @@ fn means_with_any_weights_keep_to_the_bound_and_the_worst_use_it() {
 
 #[test]
 fn second_derivatives_along_vectors_keep_to_the_bound_and_the_worst_use_it() {
-    let (arm, mut draws) = (arm(), FaultDraws::new(2));
+    let (arm, mut draws) = (arm(), SeededDraws::new(2));
     let mut fullest: f64 = 0.0;
     for draw in 0..2000 {
         let piece = piece(&mut draws, 0.0);
@@ -114,7 +114,7 @@ fn second_derivatives_along_vectors_keep_to_the_bound_and_the_worst_use_it() {
 
 #[test]
 fn an_errors_turn_keeps_to_the_bound_and_the_worst_use_it() {
-    let mut draws = FaultDraws::new(3);
+    let mut draws = SeededDraws::new(3);
     for arm in arms() {
         let mut fullest: f64 = 0.0;
         for draw in 0..500 {

@@ -50,7 +50,7 @@ pub struct Seen {
 
 /// What is to be done after a step.
 #[derive(Debug, Clone, Default)]
-pub struct AfterStep {
+pub struct Decision {
     /// What the arm is told.
     pub order: Option<Order>,
     /// What the user is told.
@@ -285,9 +285,9 @@ impl<'a> Session<'a> {
     }
 
     /// Decides what is done now.
-    pub fn step(&mut self, seen: &Seen) -> AfterStep {
+    pub fn step(&mut self, seen: &Seen) -> Decision {
         let now_s = seen.now_s;
-        let mut step = AfterStep { wake_s: now_s + self.plan.period_s, ..AfterStep::default() };
+        let mut step = Decision { wake_s: now_s + self.plan.period_s, ..Decision::default() };
         let fresh = match &seen.state {
             Some(state) => self.watch.observe(state, self.plan.settings().timing.clock_drift),
             None => false,
@@ -402,7 +402,7 @@ impl<'a> Session<'a> {
         cause
     }
 
-    fn stop(&mut self, cause: Cause, at_once: bool, now_s: f64, step: &mut AfterStep) {
+    fn stop(&mut self, cause: Cause, at_once: bool, now_s: f64, step: &mut Decision) {
         step.events.push(Event::Stopping(cause.clone()));
         self.cause.get_or_insert(cause);
         if at_once || matches!(self.phase, Phase::Approaching(_)) || self.commanded.is_none() {
@@ -437,7 +437,7 @@ impl<'a> Session<'a> {
         self.spindle.agrees_s.is_some_and(|since_s| now_s >= since_s + self.plan.settings().run_up_s)
     }
 
-    fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut AfterStep) {
+    fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut Decision) {
         let now_s = seen.now_s;
         match std::mem::replace(&mut self.phase, Phase::Braking) {
             Phase::Connecting { since_s } => self.connect(seen, since_s, step),

@@ -9,7 +9,7 @@ use crate::stream::plan::{StreamPlan, ramp_per_s};
 use crate::stream::track::Track;
 use crate::stream::watch::Watch;
 
-use super::{AfterStep, Ending, HoldPart, Holding, Phase, Seen, Session};
+use super::{Decision, Ending, HoldPart, Holding, Phase, Seen, Session};
 
 /// How long the arm gets to reach its last target beyond its lag, s.
 const SETTLE_S: f64 = 0.2;
@@ -26,7 +26,7 @@ const PROGRESS_S: f64 = 10.0;
 const FORCE_STATES: u32 = 25;
 
 impl Session<'_> {
-    pub(super) fn connect(&mut self, seen: &Seen, since_s: f64, step: &mut AfterStep) {
+    pub(super) fn connect(&mut self, seen: &Seen, since_s: f64, step: &mut Decision) {
         self.phase = Phase::Connecting { since_s };
         let waited_s = seen.now_s - since_s;
         let is_known = self.watch.nonsense().is_some() || check::rate_is_known(self.plan, &self.watch);
@@ -49,7 +49,7 @@ impl Session<'_> {
         }
     }
 
-    pub(super) fn confirm(&mut self, seen: &Seen, approach: Box<Approach>, step: &mut AfterStep) {
+    pub(super) fn confirm(&mut self, seen: &Seen, approach: Box<Approach>, step: &mut Decision) {
         let settings = self.plan.settings();
         let age_s = self.watch.age_s(seen.now_s);
         match self.answer {
@@ -83,7 +83,7 @@ impl Session<'_> {
         conditions(self.plan, &self.watch, &identity).map_err(Cause::NotReady)
     }
 
-    pub(super) fn start(&mut self, seen: &Seen, approach: Box<Approach>, since_s: f64, step: &mut AfterStep) {
+    pub(super) fn start(&mut self, seen: &Seen, approach: Box<Approach>, since_s: f64, step: &mut Decision) {
         let now_s = seen.now_s;
         let waited_s = now_s - since_s;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
@@ -102,7 +102,7 @@ impl Session<'_> {
     }
 
     /// The arm may have been moved while the user was asked: the way begins where it is now.
-    fn enter(&mut self, now_s: f64, approach: Approach, step: &mut AfterStep) {
+    fn enter(&mut self, now_s: f64, approach: Approach, step: &mut Decision) {
         let Some(&ArmState { q, force_n, .. }) = self.watch.newest() else { return };
         if let Some(cause) = self.watch.sensor_lost() {
             return self.stop(cause, true, now_s, step);
@@ -124,7 +124,7 @@ impl Session<'_> {
         self.phase = Phase::Approaching(Box::new(approach));
     }
 
-    pub(super) fn approach(&mut self, now_s: f64, approach: Box<Approach>, step: &mut AfterStep) {
+    pub(super) fn approach(&mut self, now_s: f64, approach: Box<Approach>, step: &mut Decision) {
         let last = approach.track.last_row();
         // slows down so that it rests at the end; crawls the last of it
         let brakes = last - self.follower.row() <= self.follower.rows_to_rest() + 1.0;
@@ -142,7 +142,7 @@ impl Session<'_> {
         self.phase = Phase::RunUp;
     }
 
-    pub(super) fn begin(&mut self, now_s: f64, step: &mut AfterStep) {
+    pub(super) fn begin(&mut self, now_s: f64, step: &mut Decision) {
         step.events.push(Event::Stage("run"));
         self.began_s = Some(now_s);
         if self.follower.row() == 0.0 {
@@ -152,7 +152,7 @@ impl Session<'_> {
         self.phase = Phase::Running;
     }
 
-    pub(super) fn run(&mut self, now_s: f64, fresh: bool, step: &mut AfterStep) {
+    pub(super) fn run(&mut self, now_s: f64, fresh: bool, step: &mut Decision) {
         self.phase = Phase::Running;
         let row = self.follower.row();
         if now_s >= self.told_s + PROGRESS_S {
@@ -182,7 +182,7 @@ impl Session<'_> {
     }
 
     /// The share of full speed that the controller runs at; a change is told.
-    fn fraction(&mut self, step: &mut AfterStep) -> f64 {
+    fn fraction(&mut self, step: &mut Decision) -> f64 {
         let fraction = self.watch.newest().map_or(0.0, |state| state.speed_fraction);
         let fraction = if fraction >= FULL_SPEED { 1.0 } else { fraction };
         if (fraction - self.told_fraction).abs() > 0.02 || (fraction == 1.0) != (self.told_fraction == 1.0) {
@@ -193,14 +193,14 @@ impl Session<'_> {
     }
 
     /// The share of the planned speed that plan and controller allow here.
-    fn wanted_rate(&mut self, step: &mut AfterStep) -> f64 {
+    fn wanted_rate(&mut self, step: &mut Decision) -> f64 {
         let fraction = self.fraction(step);
         let row = (self.follower.row() + 1.0) as usize;
         fraction.min(self.plan.rate.get(row).copied().unwrap_or(1.0))
     }
 
     /// Goes back along the path, which is free as the burr was just there, waits with the spindle off, and goes on.
-    pub(super) fn hold(&mut self, seen: &Seen, holding: Holding, step: &mut AfterStep) {
+    pub(super) fn hold(&mut self, seen: &Seen, holding: Holding, step: &mut Decision) {
         let now_s = seen.now_s;
         let Holding { why, from_row, mut part } = holding;
         let mut wanted = 0.0;
@@ -274,13 +274,13 @@ impl Session<'_> {
         ))
     }
 
-    pub(super) fn send(&mut self, now_s: f64, wanted: f64, step: &mut AfterStep) {
+    pub(super) fn send(&mut self, now_s: f64, wanted: f64, step: &mut Decision) {
         let plan = self.plan;
         self.send_on(&plan.track, now_s, wanted, step);
     }
 
     /// The next target, at its time; none while too many orders wait: the gap is then timed anew like any other.
-    fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut AfterStep) {
+    fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Decision) {
         if self.backlog.is_there {
             return;
         }
@@ -304,7 +304,7 @@ impl Session<'_> {
         self.due_s = Some(step.wake_s);
     }
 
-    pub(super) fn finish(&mut self, seen: &Seen, ending: Ending, step: &mut AfterStep) {
+    pub(super) fn finish(&mut self, seen: &Seen, ending: Ending, step: &mut Decision) {
         let now_s = seen.now_s;
         let Ending { since_s, since_rest_s, rest_q } = ending;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;

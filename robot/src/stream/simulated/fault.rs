@@ -5,9 +5,9 @@ use rand_xoshiro::rand_core::RngCore;
 
 /// Numbers from a seed.
 #[derive(Debug, Clone)]
-pub struct FaultDraws(Xoshiro256PlusPlus);
+pub struct SeededDraws(Xoshiro256PlusPlus);
 
-impl FaultDraws {
+impl SeededDraws {
     /// Those of a run.
     pub fn new(seed: u64) -> Self {
         use rand_xoshiro::rand_core::SeedableRng;

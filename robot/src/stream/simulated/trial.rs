@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use super::buffer::Buffer;
-use super::fault::{Fault, FaultDraws};
+use super::fault::{Fault, SeededDraws};
 use super::swept::{self, Swept};
 use super::world::{World, WorldClock, WorldLink};
 use bonemill_arm::arm::{ToolGoal, dls};
@@ -152,7 +152,7 @@ impl TrialPiece {
     /// Runs it with a fault at a drawn moment; `resume`: also run the rest of it after a stop.
     pub fn run(&self, fault: Fault, seed: u64, resume: bool) -> TrialResult {
         let plan = &self.plan;
-        let mut draws = FaultDraws::new(seed ^ 0x9e37_79b9_7f4a_7c15);
+        let mut draws = SeededDraws::new(seed ^ 0x9e37_79b9_7f4a_7c15);
         let q = match fault {
             Fault::WrongStart(mm) => aside(plan, &plan.track.joints(START_ROW), mm, &mut draws),
             _ => plan.track.joints(START_ROW),
@@ -262,7 +262,7 @@ fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<Worl
 }
 
 /// Joints that have the burr beside where it is, across the shaft.
-fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut FaultDraws) -> Joints {
+fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut SeededDraws) -> Joints {
     let mut tool = plan.arm.tool_at(q);
     let angle = draws.between(0.0, std::f64::consts::TAU);
     tool.translation_mm += tool.rotation * (mm * Vector3::new(angle.cos(), angle.sin(), 0.0));

@@ -12,7 +12,7 @@ use std::rc::Rc;
 use nalgebra::UnitQuaternion;
 
 use super::buffer::Buffer;
-use super::fault::{Fault, FaultDraws};
+use super::fault::{Fault, SeededDraws};
 use crate::stream::link::{
     ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL,
     STOPPED,
@@ -56,7 +56,7 @@ struct Client {
 /// The world outside of the run's decisions.
 #[derive(Debug)]
 pub struct World {
-    draws: FaultDraws,
+    draws: SeededDraws,
     identity: Identity,
     timing: StreamTiming,
     now_s: f64,
@@ -96,7 +96,7 @@ impl World {
     /// The arm of a plan, at rest at `q`, which fails at `onset_s`.
     pub fn new(plan: &StreamPlan, q: Joints, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
         let (arm, timing) = (&plan.arm, plan.settings().timing);
-        let mut draws = FaultDraws::new(seed);
+        let mut draws = SeededDraws::new(seed);
         let tool = arm.tool_at(&q);
         let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
         let skew = 1.0 + draws.between(-0.5, 0.5) * timing.clock_drift;
