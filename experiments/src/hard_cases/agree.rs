@@ -228,7 +228,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
 }
 
 /// Number of cases after which disagreements are told.
-const PORTION: u64 = 10;
+const PORTION: u64 = 50;
 
 /// Runs the cases of these numbers; each that disagrees is listed as simple as it can be.
 pub(super) fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {

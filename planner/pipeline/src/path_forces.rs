@@ -2,8 +2,7 @@
 //!
 //! A row of a plan states the force where its move ends. Engagement changes within a move too, and a move may cut the skin that a
 //! rounded corner left, so forces are also computed at places within every move, those that plan to cut nothing included. Levels and
-//! caps hold at all of them. Not looked at: the half of a corner's rounding that belongs to a move which is planned to cut nothing. A cap holds
-//! for a whole move, and a link would be slow over its length for some hundredths of a millimetre; `verify` finds what pushes there.
+//! caps hold at all of them. A link grazes what lies between the planning grid's voxels.
 
 use bonemill_case::Case;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, ForceKernel};
@@ -99,6 +98,12 @@ fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {
         share: to - from,
     };
     shares.map(within).collect()
+}
+
+/// Those of some places that remove something, which stand for no share of a move.
+fn cutting(forces: impl Iterator<Item = EngagedForce>) -> impl Iterator<Item = ForceWithin> {
+    let cuts = forces.filter(|force| force.mrr_mm2 > 0.0);
+    cuts.map(|force| ForceWithin { force, begins: false, share: 0.0 })
 }
 
 /// Where a move begins with the force where the one before it ends, it is as exact as that.
@@ -213,36 +218,34 @@ impl ForcedPath<'_> {
             };
             let skins = around_back(&swept, i).into_iter().filter_map(at);
             let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
-            let cuts = |force: &EngagedForce| force.mrr_mm2 > 0.0;
-            let mut found: Vec<ForceWithin> = skins
-                .chain(corner)
-                .filter(cuts)
-                .map(|force| ForceWithin { force, begins: false, share: 0.0 })
-                .collect();
-            if let Some(end) = &ends[i] {
-                let found_at = |share: f64| Some((share, at(share)?));
-                let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
-                let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
-                let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
-                let turns = Some(IN_CORNERS[1]).filter(|_| swept.is_rounded(i)).and_then(found_at);
-                let first = begins.into_iter().chain(found_at(MIDDLE)).chain(turns);
-                let mut places: Vec<_> = first.chain([(1.0, *end)]).collect();
-                // pairs whose forces may differ too much
-                let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
-                while let Some([from, to]) = pairs.pop() {
-                    let [a, b] = [pushes(&from.1), pushes(&to.1)];
-                    let same_n = VARIES_SHARE * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
-                    if to.0 - from.0 <= APART || (a - b).norm() <= same_n {
-                        continue;
-                    }
-                    let middle = 0.5 * (from.0 + to.0);
-                    if let Some(force) = at(middle) {
-                        places.push((middle, force));
-                        pairs.extend([[from, (middle, force)], [(middle, force), to]]);
-                    }
+            let found_at = |share: f64| Some((share, at(share)?));
+            let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
+            let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
+            let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
+            let turns = Some(IN_CORNERS[1]).filter(|_| swept.is_rounded(i)).and_then(found_at);
+            let end = ends[i].map(|end| (1.0, end)).or_else(|| found_at(1.0));
+            let mut places: Vec<_> =
+                begins.into_iter().chain(found_at(MIDDLE)).chain(turns).chain(end).collect();
+            // pairs whose forces may differ too much
+            let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+            while let Some([from, to]) = pairs.pop() {
+                let [a, b] = [pushes(&from.1), pushes(&to.1)];
+                let same_n = VARIES_SHARE * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
+                if to.0 - from.0 <= APART || (a - b).norm() <= same_n {
+                    continue;
                 }
-                found.extend(shared(places));
+                let middle = 0.5 * (from.0 + to.0);
+                if let Some(force) = at(middle) {
+                    places.push((middle, force));
+                    pairs.extend([[from, (middle, force)], [(middle, force), to]]);
+                }
             }
+            let mut found = if ends[i].is_some() {
+                shared(places)
+            } else {
+                cutting(places.into_iter().map(|(_, force)| force)).collect()
+            };
+            found.extend(cutting(skins.chain(corner)));
             found
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
