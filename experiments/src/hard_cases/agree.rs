@@ -228,18 +228,18 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
 }
 
 /// Number of cases after which disagreements are told.
-const PORTION: u64 = 50;
+const PORTION: usize = 50;
 
 /// Runs the cases of these numbers; each that disagrees is listed as simple as it can be.
-pub(super) fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
+pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progress) -> Table {
+    let numbers: Vec<u64> = numbers.into_iter().collect();
     let title = format!(
         "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards or elsewhere, priorities times three, or a structure in two parts)",
-        numbers.end - numbers.start
+        numbers.len()
     );
     let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);
-    for first in numbers.clone().step_by(PORTION as usize) {
-        let portion = first..(first + PORTION).min(numbers.end);
-        for [case, said, simple] in portion.into_par_iter().filter_map(row).collect::<Vec<_>>() {
+    for portion in numbers.chunks(PORTION) {
+        for [case, said, simple] in portion.par_iter().filter_map(|n| row(*n)).collect::<Vec<_>>() {
             let shortfall = format!("case {case}: {said}; as simple as {simple}");
             progress.note(&shortfall);
             table.shortfalls.push(shortfall);

@@ -40,9 +40,13 @@ fn random_bodies_are_planned_and_verified_or_say_why_not() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// Cases on which programs once disagreed: 48 because a link scraped bone between the grid's voxels; 117 because of a scan that ends
+/// close above the bone; 142 because two waypoints lie in one place, at a corner that the arm rounds.
+const DISAGREED: [u64; 3] = [48, 117, 142];
+
 #[test]
 fn programs_agree_on_random_cases_and_on_their_twins() {
-    let found = super::agree::agree(0..10, &());
+    let found = super::agree::agree((0..10).chain(DISAGREED), &());
     assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
 }
 

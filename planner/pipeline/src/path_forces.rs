@@ -122,7 +122,7 @@ fn rounded_corners(start: &Start, motion: &ArmMotion) -> Result<Vec<RoundedCorne
         work_from_base * Point::<Base>::from_coords(tool.translation_mm)
     };
     let corners = JointMotion::new(motion, start.arm)?.burr_corners(LEAST_CORNER_MM).into_iter();
-    Ok(corners.map(|(waypoint, q)| RoundedCorner { waypoint, at: q.map(place) }).collect())
+    Ok(corners.map(|(waypoints, q)| RoundedCorner { waypoints, at: q.map(place) }).collect())
 }
 
 /// Places around the one where move i comes back to a rounded corner, as shares of its way.

@@ -38,6 +38,8 @@ use super::sampled::SampledForce;
 use super::sense::PassSense;
 use super::speeds::{self, Aim, PushedMoves};
 
+/// An angle from the grid's axes is rounded to this, rad, so that lines along an axis are exactly along it.
+const ANGLE_RAD: f64 = 1e-9;
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
 /// A later candidate must have a product of figures that is lower by this share: otherwise the first stands.
@@ -77,7 +79,7 @@ impl Raster {
 /// The directions of lines that a case leaves open: the one that it gives, or along the target and across.
 pub(super) fn frames(case: &Case, scene: &Scene) -> Result<Vec<RasterFrame>, PlanError> {
     if let Some(angle) = case.path.raster_rad {
-        return Ok(vec![RasterFrame::at_angle(angle - scene.turn_rad)]);
+        return Ok(vec![RasterFrame::at_angle(((angle - scene.turn_rad) / ANGLE_RAD).round() * ANGLE_RAD)]);
     }
     let along =
         RasterFrame::chosen(&scene.target_hull_xy, toward_structure(case, scene)?, mass_center(scene));

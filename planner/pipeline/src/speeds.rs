@@ -1,5 +1,7 @@
 //! Speed caps per move by the case's mode, and the motion under them.
 
+use std::ops::Range;
+
 use bonemill_arm::Arm;
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutting::cutter::MoveKind;
@@ -167,11 +169,11 @@ impl<'a> JointMotion<'a> {
 
     /// The waypoints at whose rounded corner the burr leaves the path by at least `least_mm`, with the joint vectors where the corner
     /// begins, in its middle and where it ends.
-    pub fn burr_corners(&self, least_mm: f64) -> Vec<(usize, [Vec<f64>; 3])> {
-        let corners = self.prepared.burr_corners(least_mm).into_iter();
-        let at_waypoint =
-            corners.filter_map(|(place, q)| Some((self.dense.waypoints.binary_search(&place).ok()?, q)));
-        at_waypoint.collect()
+    pub fn burr_corners(&self, least_mm: f64) -> Vec<(Range<usize>, [Vec<f64>; 3])> {
+        let up_to = |place: usize| self.dense.waypoints.partition_point(|of| *of < place);
+        let of_waypoints = |(at, q): (Range<usize>, _)| (up_to(at.start)..up_to(at.end), q);
+        let corners = self.prepared.burr_corners(least_mm).into_iter().map(of_waypoints);
+        corners.filter(|(waypoints, _)| !waypoints.is_empty()).collect()
     }
 
     /// How long the path takes under caps per waypoint, mm/s.

@@ -15,6 +15,8 @@ mod times;
 
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
+use std::ops::Range;
+
 use crate::scene::Scene;
 use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
 use bonemill_cutting::cutter::Ball;
@@ -34,10 +36,10 @@ const CELL_MM: f64 = 2.0;
 const LARGEST_PATCH: f64 = 0.1;
 
 /// A corner of a path as an arm rounds it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RoundedCorner {
-    /// The waypoint at the corner.
-    pub waypoint: usize,
+    /// The waypoint at the corner, or several in the same place.
+    pub waypoints: Range<usize>,
     /// Where the burr's centre leaves the line before it, where it passes the corner, and where it meets the line behind it.
     pub at: [Point<Work>; 3],
 }
@@ -82,17 +84,17 @@ impl<'a> SweptPath<'a> {
         let (mut vertices, mut end_of) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
         let mut is_rounded = vec![false; points.len()];
         let mut rounded = corners.iter().peekable();
-        for (i, point) in points.iter().enumerate() {
-            let corner = rounded.next_if(|corner| corner.waypoint == i);
-            match corner {
-                Some(RoundedCorner { at: [before, middle, behind], .. }) => {
-                    is_rounded[i] = true;
-                    end_of.push(vertices.len() as u32 + 1);
+        while end_of.len() < points.len() {
+            let i = end_of.len();
+            match rounded.next_if(|corner| corner.waypoints.start == i) {
+                Some(RoundedCorner { waypoints, at: [before, middle, behind] }) => {
+                    is_rounded[waypoints.clone()].fill(true);
+                    end_of.resize(waypoints.end, vertices.len() as u32 + 1);
                     vertices.extend([before.coords, middle.coords, behind.coords]);
                 }
                 None => {
                     end_of.push(vertices.len() as u32);
-                    vertices.push(point.position.coords);
+                    vertices.push(points[i].position.coords);
                 }
             }
         }
@@ -269,10 +271,11 @@ const BACK_MM: f64 = 0.06;
 /// Where each move comes nearest to the corner of a move before the one before it.
 fn comes_back(points: &[PathPoint], corners: &[RoundedCorner]) -> Vec<Option<f64>> {
     let at = |i: usize| points[i].position.coords;
-    let corners: Vec<_> = corners.iter().map(|corner| (corner.waypoint, at(corner.waypoint))).collect();
+    let corners: Vec<_> =
+        corners.iter().map(|corner| (corner.waypoints.end, at(corner.waypoints.start))).collect();
     let comes_back = |i: usize| {
         let (from, to) = (at(i.checked_sub(1)?), at(i));
-        let earlier = corners.iter().take_while(|(waypoint, _)| waypoint + 1 < i);
+        let earlier = corners.iter().take_while(|(behind, _)| *behind < i);
         let away = earlier.map(|(_, corner)| (segment_distance_squared(corner, &from, &to), corner));
         let (squared, corner) = away.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let along = to - from;

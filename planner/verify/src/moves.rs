@@ -84,6 +84,11 @@ impl Moves {
 }
 
 impl Executed {
+    /// The waypoint at which the move of a row ends.
+    pub fn waypoint_at(&self, row: usize) -> usize {
+        self.next.get(row).map_or(0, |next| *next as usize)
+    }
+
     /// The poses of every row of the trajectory.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! A path that is prepared once and then timed with many sets of speed caps.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use bonemill_arm::RobotError;
@@ -63,14 +64,14 @@ impl PreparedPath {
         self.burr_moves.len()
     }
 
-    /// The rounded corners at which the burr leaves the polyline by at least `least_mm`: the given waypoint, and the joint vectors where
-    /// the corner begins, in its middle and where it ends.
-    pub fn burr_corners(&self, least_mm: f64) -> Vec<(usize, [Vec<f64>; 3])> {
-        let mut of_kept = vec![usize::MAX; self.geometry.count()];
-        for (given, kept) in self.geometry.kept_of.iter().enumerate() {
-            let first = &mut of_kept[*kept as usize];
-            *first = given.min(*first);
-        }
+    /// The rounded corners at which the burr leaves the polyline by at least `least_mm`: the given waypoints that lie there, and the joint
+    /// vectors where the corner begins, in its middle and where it ends.
+    pub fn burr_corners(&self, least_mm: f64) -> Vec<(Range<usize>, [Vec<f64>; 3])> {
+        let kept_of = &self.geometry.kept_of;
+        let of_kept = |i: usize| {
+            let up_to = |kept: usize| kept_of.partition_point(|of| (*of as usize) < kept);
+            up_to(i)..up_to(i + 1)
+        };
         let is_wide = |i: &usize| self.geometry.burr_off_mm(*i) >= least_mm;
         let corner = |i: usize| {
             let l = self.geometry.half_blend_mm[i];
@@ -79,7 +80,7 @@ impl PreparedPath {
                 self.geometry.at(PathElement::Blend(i as u32), x, |j, [position, ..]| q[j] = position);
                 q
             });
-            (of_kept[i], at)
+            (of_kept(i), at)
         };
         (0..self.geometry.count()).filter(is_wide).map(corner).collect()
     }

@@ -263,6 +263,17 @@ fn a_right_angle_is_cut_by_the_tolerance() {
 }
 
 #[test]
+fn a_corner_holds_every_waypoint_in_its_place() {
+    let corner = |off: f64| [5.0, off, 0.0, 0.0];
+    let case = Case::new(vec![[0.0; 4], corner(0.0), corner(1e-9), corner(5.0)], 14.0);
+    let found = case.prepared(&limits()).burr_corners(2e-3);
+    let [(waypoints, [before, middle, behind])] = &found[..] else { panic!("{found:?}") };
+    assert_eq!(*waypoints, 1..3);
+    assert!(before[0] < 5.0 && before[1] == 0.0 && behind[1] > 0.0 && (behind[0] - 5.0).abs() < 1e-8);
+    assert!((middle[0] - 5.0).hypot(middle[1]) > 0.03);
+}
+
+#[test]
 fn without_tolerance_the_arm_stops_at_corners_only() {
     let limits = PathLimits::new(&V, &A, &J, CornerTolerance { burr_mm: 0.0, axis_rad: 0.0 }).unwrap();
     let case =

@@ -16,6 +16,9 @@ use crate::path::PathPoint;
 /// threads.
 const SLABS: usize = 6;
 
+/// Volumes of a voxel of which less is left differ by rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// For each waypoint, the mass in its ball without the sweep of all earlier moves, and the mass' moments about the ball's
 /// centre (g/cm³ is mg/mm³).
 ///
@@ -147,9 +150,9 @@ impl Slab<'_> {
         );
         for (voxel, volume_mm3) in found.drain(..) {
             let more = volume_mm3 - removed_mm3[voxel - first];
-            if more > 0.0 {
+            if more > ROUNDING * full {
                 removed_mm3[voxel - first] = volume_mm3;
-                if volume_mm3 >= full * (1.0 - 1e-9) {
+                if volume_mm3 >= full * (1.0 - ROUNDING) {
                     left.remove(voxel - first);
                 }
                 let p = grid.center(grid.voxel(voxel)) - center;

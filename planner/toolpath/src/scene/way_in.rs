@@ -3,7 +3,7 @@
 //! On a coarse map of the scan, bone outside the target and structures are solid. Places of the burr's centre are sampled at the
 //! target, where the ball is clear of what is solid and keeps the structures' clearances. From each place a line leads out along
 //! each of [`DIRECTIONS`] directions; it is free where the shank's profile and, since the burr comes that way, the ball fit between solid
-//! voxels over the shank's whole length. Beyond the scan the voxels of its edge go on.
+//! voxels over the shank's whole length. Beyond the scan the voxels of its faces go on outwards.
 //!
 //! A direction reaches a place if some line within the tilt limit of it is free. Directions are ranked by the mean over all places of the best such line,
 //! which counts less the more it is tilted and the deeper it begins: a way through soft tissue is open, but the shortest one is meant. Directions are laid
@@ -106,8 +106,9 @@ enum Holds {
 /// Lines from places at the target.
 pub(super) struct WayIn {
     holds: Volume<Holds, Ct>,
-    /// Distance to what is solid, mm; `None`: nothing is.
+    /// Distance to what is solid, mm, and to that part of it which lies at the scan's faces; `None`: nothing is.
     solid_mm: Option<Volume<f32, Ct>>,
+    solid_face_mm: Option<Volume<f32, Ct>>,
     places: Vec<Point<Ct>>,
     /// Where the shank's parts begin, and the radius that must be free from there on, mm.
     profile: Vec<[f64; 2]>,
@@ -158,7 +159,15 @@ impl WayIn {
         let holds = coarse(spec, (target, around), length_mm + spec.tool.shank_radius_mm)?;
         cancel::poll();
         let widest_mm = spec.tool.shank_radius_mm.max(radius_mm);
-        let solid_mm = distance_within(&holds.map(|h| *h == Holds::Solid), 2.0 * widest_mm)?;
+        let mut solid = holds.map(|h| *h == Holds::Solid);
+        let solid_mm = distance_within(&solid, 2.0 * widest_mm)?;
+        let dims = holds.grid().dims();
+        for n in 0..holds.grid().len() {
+            let voxel = holds.grid().voxel(n);
+            let is_at_face = (0..3).any(|a| voxel[a] == 0 || voxel[a] + 1 == dims[a]);
+            solid.data_mut()[n] &= is_at_face;
+        }
+        let solid_face_mm = distance_within(&solid, 2.0 * widest_mm)?;
         let slack_mm = 0.5 * holds.grid().spacing_mm().max();
         let from_target = distance_within(&holds.map(|h| *h == Holds::Target), radius_mm + slack_mm)?;
         let Some(from_target) = from_target else { return Ok(None) };
@@ -198,6 +207,7 @@ impl WayIn {
         Ok(Some(Self {
             holds,
             solid_mm,
+            solid_face_mm,
             places,
             profile,
             length_mm,
@@ -221,14 +231,19 @@ impl WayIn {
             let needs_mm = self.profile[part][1];
             let slack_mm = rounding_mm + (SPREAD * at_mm).min(0.3 * needs_mm);
             let index = grid.continuous_index(from + direction * at_mm);
-            // beyond the scan its edge goes on
-            let voxel = std::array::from_fn(|a| index[a].round().clamp(0.0, dims[a] as f64 - 1.0) as usize);
+            // beyond the scan its faces go on
+            let within = |a: usize| index[a].clamp(0.0, dims[a] as f64 - 1.0);
+            let voxel = std::array::from_fn(|a| within(a).round() as usize);
             let is_inside = (0..3).all(|a| (-0.5..dims[a] as f64 - 0.5).contains(&index[a]));
             let holds = *self.holds.get(voxel);
             if holds == Holds::Solid || (!is_inside && holds == Holds::Target) {
                 return None;
             }
-            let clear_mm = self.solid_mm.as_ref().map_or(f64::INFINITY, |d| f64::from(*d.get(voxel)));
+            let at_voxel = |field: &Option<Volume<f32, Ct>>| {
+                field.as_ref().map_or(f64::INFINITY, |mm| f64::from(*mm.get(voxel)))
+            };
+            let beyond_mm = Vector3::from_fn(|a, _| (index[a] - within(a)) * grid.spacing_mm()[a]).norm();
+            let clear_mm = at_voxel(&self.solid_mm).hypot(beyond_mm).min(at_voxel(&self.solid_face_mm));
             if clear_mm < needs_mm - slack_mm {
                 return None;
             }

@@ -80,9 +80,9 @@ impl Instant<'_> {
         Point::from_coords(self.step.center)
     }
 
-    /// The waypoint at which its move ends.
+    /// The waypoint at which the move ends in which it ends.
     fn waypoint(&self, evidence: &Evidence) -> usize {
-        evidence.executed.next.get(self.step.row).map_or(0, |next| *next as usize)
+        evidence.executed.waypoint_at(self.step.row)
     }
 
     fn place(&self, evidence: &Evidence) -> Place {

@@ -40,8 +40,9 @@ pub struct PieceStep {
     pub center: Vector3<f64>,
     /// Unit direction of the burr's motion.
     pub direction: Vector3<f64>,
-    /// The last row of the trajectory before its middle.
+    /// The last row of the trajectory before its end, and before its middle.
     pub row: usize,
+    pub middle_row: usize,
     /// The time that it takes, s.
     pub took_s: f64,
     /// Mean speed, mm/s.
@@ -87,6 +88,7 @@ impl DrivenPath {
             center: a + direction * ((n + 1) as f64 * step_mm),
             direction,
             row,
+            middle_row: row,
             took_s: 0.0,
             mean_mm_s: 0.0,
             end_mm_s: 0.0,
@@ -130,11 +132,11 @@ impl PieceStep {
         let share = if way.to_mm > way.from_mm { on_mm / (way.to_mm - way.from_mm) } else { 1.0 };
         self.took_s += share * way.took_s;
         if on_mm > 0.0 {
-            self.end_mm_s = way.speed_mm_s;
+            (self.end_mm_s, self.row) = (way.speed_mm_s, way.row - 1);
         }
         let middle_mm = 0.5 * (start_mm + end_mm);
         if way.from_mm <= middle_mm {
-            self.row = if way.to_mm <= middle_mm { way.row } else { way.row - 1 };
+            self.middle_row = if way.to_mm <= middle_mm { way.row } else { way.row - 1 };
         }
     }
 }
@@ -223,8 +225,9 @@ mod tests {
         let path = DrivenPath::new(&executed, &[0.0, 0.1, 0.2, 0.3]);
         assert_eq!(path.steps.len(), 24);
         for step in &path.steps {
-            let before = executed.points[step.row].x;
-            assert!((0.0..=0.4 + 1e-9).contains(&(step.center.x - 0.025 - before)), "{step:?}");
+            let before =
+                [(step.middle_row, 0.025), (step.row, 0.0)].map(|(row, mm)| executed.points[row].x + mm);
+            assert!(before.iter().all(|x| (0.0..=0.4 + 1e-9).contains(&(step.center.x - x))), "{step:?}");
             assert!((step.end_mm_s - 4.0).abs() < 1e-9 && (step.took_s - 0.0125).abs() < 1e-9);
         }
     }

@@ -158,7 +158,8 @@ impl DrivenForce<'_> {
         is_counted: impl Fn(usize) -> bool,
         of: impl Fn(&Instant) -> f64,
     ) -> f64 {
-        let counted = self.instants.iter().filter(|instant| is_counted(instant.waypoint(evidence)));
+        let waypoint = |instant: &Instant| evidence.executed.waypoint_at(instant.step.middle_row);
+        let counted = self.instants.iter().filter(|instant| is_counted(waypoint(instant)));
         counted.map(|instant| of(instant) * instant.step.took_s).sum()
     }
 }

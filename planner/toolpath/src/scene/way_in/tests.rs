@@ -115,6 +115,17 @@ fn the_thick_part_of_the_shank_must_fit_too() {
 }
 
 #[test]
+fn beyond_a_scan_that_ends_close_above_the_bone_there_is_room() {
+    // the shank's thick part begins 2 mm beyond the scan, wider than the air between bone and scan's end
+    let shaft = |[x, y, z]: [f64; 3]| {
+        let up = (26.0..34.0).contains(&x) && (21.0..29.0).contains(&y) && z > 20.0;
+        if up || z > 35.0 { -1000.0 } else { 900.0 }
+    };
+    let found = found(Matrix3::identity(), shaft, None).unwrap();
+    assert!(found.best.direction.z > 0.9 && found.best.reached > 0.5, "{found:?}");
+}
+
+#[test]
 fn a_direction_into_bone_is_refused_with_the_better_one() {
     let error = found(Matrix3::identity(), half_space, Some(-Vector3::z())).unwrap_err();
     let said = error.to_string();
