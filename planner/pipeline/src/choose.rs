@@ -164,7 +164,7 @@ impl Prepared<'_> {
         motion: &ArmMotion,
     ) -> Result<(), PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let (axes, sampled) = (&chosen.oriented.axes, SampledForce::new(case, SampledForce::AXES)?);
+        let (axes, sampled) = (&chosen.oriented.axes, SampledForce::within(case)?);
         let of = (&self.start, case, &sampled);
         chosen.within = self.forced().within(of, axes, motion, &chosen.forces)?;
         Ok(())

@@ -58,20 +58,32 @@ pub struct ForceWithin {
     share: f64,
 }
 
-/// The mean over a move, of a length, mm, a time, s, and a greatest speed, mm/s, of what is asked of the force at its mean speed; 0 for a
-/// move that removes nothing where it ends.
+/// The mean over a move, of a length, mm, a time, s, and a greatest speed, mm/s, of what is asked of the force; 0 for a move that removes
+/// nothing where it ends. `passed`: the share of the time that has passed after a share of the way. Only edge forces need it: the others
+/// grow with the speed, so that what they add up to depends on the way alone.
 pub(super) fn mean_of_move(
     end: Option<&EngagedForce>,
     within: &[ForceWithin],
     [length_mm, seconds, driven_mm_s]: [f64; 3],
+    passed: impl Fn(f64) -> f64,
     of: impl Fn(&Vector3<f64>) -> f64,
 ) -> f64 {
     let Some(end) = end.filter(|_| seconds > 0.0) else { return 0.0 };
-    let mean_mm_s = (length_mm / seconds).min(driven_mm_s);
-    let at = |force: &EngagedForce| of(&force.force_n(mean_mm_s));
-    let rest = 1.0 - within.iter().map(|place| place.share).sum::<f64>();
-    let places = within.iter().filter(|place| place.share > 0.0);
-    places.fold(rest * at(end), |sum, place| sum + place.share * at(&place.force))
+    let places = within.iter().filter(|place| place.share > 0.0).map(|place| (place.share, &place.force));
+    let rest = 1.0 - places.clone().map(|(share, _)| share).sum::<f64>();
+    let places = places.chain([(rest, end)]);
+    let has_edges = places.clone().any(|(_, force)| force.edge_n != Vector3::zeros());
+    let (mut way, mut time, mut sum) = (0.0, 0.0, 0.0);
+    for (share, force) in places {
+        way += share;
+        let took = if has_edges { passed(way) - time } else { share };
+        time += took;
+        if took > 0.0 {
+            let mean_mm_s = share * length_mm / (took * seconds);
+            sum += took * of(&force.force_n(mean_mm_s.min(driven_mm_s)));
+        }
+    }
+    sum
 }
 
 /// Forces of a move between which all of its forces lie: those at its greatest speed, mm/s, and, as far as edges push without a chip,
@@ -274,10 +286,12 @@ mod tests {
         };
         let within = shared([0.5, 0.1, 0.9, 1.0].map(|share| (share, at(share))).into());
         assert_eq!(within.len(), 3);
-        let mean = |of: fn(&Vector3<f64>) -> f64| mean_of_move(Some(&at(1.0)), &within, [2.0, 1.0, 2.0], of);
+        let mean = |of: fn(&Vector3<f64>) -> f64| {
+            mean_of_move(Some(&at(1.0)), &within, [2.0, 1.0, 4.0], |way| way * way, of)
+        };
         // exact but for the first tenth, which counts as its end
         assert!((mean(|force| force.x) - 2.0 * (0.7 + 0.005)).abs() < 1e-12);
         assert!((mean(|force| force.y) - 0.3).abs() < 1e-12);
-        assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |force| force.x), 2.4);
+        assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |way| way, |force| force.x), 2.4);
     }
 }

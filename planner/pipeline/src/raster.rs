@@ -332,7 +332,13 @@ impl Draft {
         let reached = levels::reached(&pushes, &caps);
         let seconds: Vec<f64> = self.length_mm.iter().zip(&caps).map(|(mm, v)| mm / v).collect();
         Ok(Judged {
-            forces: StructureForces::at(case, (&self.length_mm, &seconds, &caps), (forces, &[]), &self.near),
+            forces: StructureForces::at(
+                case,
+                (&self.length_mm, &seconds, &caps),
+                |_, way| way,
+                (forces, &[]),
+                &self.near,
+            ),
             levels: [found.levels.unwrap_or(reached), reached],
         })
     }

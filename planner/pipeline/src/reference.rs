@@ -118,7 +118,7 @@ impl ReferencePath {
             Err(error) => return Err(error),
         };
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
-        let (sampled, swept) = (SampledForce::new(case, SampledForce::AXES)?, forced.swept(case));
+        let (sampled, swept) = (SampledForce::within(case)?, forced.swept(case));
         // figures near structures are small
         let is_near =
             |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
@@ -230,14 +230,16 @@ impl StructureForces {
         forces: (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
         near: &[Vec<NearStructure>],
     ) -> Self {
-        Self::at(case, (length_mm, &driven.seconds(), &driven.driven_mm_s), forces, near)
+        let moves = (length_mm, &driven.seconds()[..], &driven.driven_mm_s[..]);
+        Self::at(case, moves, |row, way| driven.passed(row, way), forces, near)
     }
 
     /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, the
-    /// peak that at the greatest.
+    /// peak that at the greatest. `passed`: the share of a move's time that has passed after a share of its way.
     pub(super) fn at(
         case: &Case,
         (length_mm, seconds, speed_mm_s): (&[f64], &[f64], &[f64]),
+        passed: impl Fn(usize, f64) -> f64,
         (ends, within): (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
         near: &[Vec<NearStructure>],
     ) -> Self {
@@ -250,7 +252,9 @@ impl StructureForces {
             peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
             let driven = [length_mm[row], taken, speed_mm_s[row]];
-            let mean_of = |of: &dyn Fn(&Vector3<f64>) -> f64| mean_of_move(end.as_ref(), within, driven, of);
+            let passed = |way: f64| passed(row, way);
+            let mean_of =
+                |of: &dyn Fn(&Vector3<f64>) -> f64| mean_of_move(end.as_ref(), within, driven, passed, of);
             cutting_s += taken;
             impulse += taken * mean_of(&Vector3::norm);
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {

@@ -89,8 +89,9 @@ impl Attempt<'_> {
     fn mean(&self, i: usize, of: impl Fn(&Vector3<f64>) -> f64) -> f64 {
         let driven = &self.timing.driven;
         let seconds = driven.times_s[i] - i.checked_sub(1).map_or(0.0, |before| driven.times_s[before]);
-        let driven = [self.prepared.length_mm()[i], seconds, driven.driven_mm_s[i]];
-        mean_of_move(self.chosen.forces[i].as_ref(), &self.chosen.within[i], driven, of)
+        let figures = [self.prepared.length_mm()[i], seconds, driven.driven_mm_s[i]];
+        let passed = |way: f64| driven.passed(i, way);
+        mean_of_move(self.chosen.forces[i].as_ref(), &self.chosen.within[i], figures, passed, of)
     }
 
     /// What pushes the burr at waypoint i.

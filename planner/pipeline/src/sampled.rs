@@ -28,6 +28,18 @@ impl SampledForce {
     /// The same where the senses of one pass are compared.
     pub const SENSES: [usize; 2] = [512, 4];
 
+    /// The same along a move where edges push without a chip: such forces jump where contact begins.
+    const WITH_EDGES: [usize; 2] = [8192, 2];
+
+    /// For places within moves.
+    ///
+    /// # Errors
+    /// As [`SampledForce::new`].
+    pub fn within(case: &Case) -> Result<Self, PlanError> {
+        let has_edges = case.material.k_edge_n_mm != [0.0; 3];
+        Self::new(case, if has_edges { Self::WITH_EDGES } else { Self::AXES })
+    }
+
     /// Of a case's burr and material.
     ///
     /// # Errors

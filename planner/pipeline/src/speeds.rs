@@ -139,6 +139,8 @@ pub struct Driven {
     pub times_s: Vec<f64>,
     /// Greatest speed within the move that ends at each waypoint, mm/s.
     pub driven_mm_s: Vec<f64>,
+    /// Each waypoint's place in the law's path, which has places between waypoints too.
+    places: Vec<usize>,
 }
 
 /// Caps and the law under them.
@@ -193,11 +195,19 @@ impl<'a> JointMotion<'a> {
         let times = law.waypoint_times_s();
         let times_s = self.dense.waypoints.iter().map(|place| times[*place]).collect();
         let driven_mm_s = self.dense.greatest_per_waypoint(&law.burr_speeds_mm_s());
-        Ok(Driven { law, times_s, driven_mm_s })
+        Ok(Driven { law, times_s, driven_mm_s, places: self.dense.waypoints.clone() })
     }
 }
 
 impl Driven {
+    /// The share of its time that the move to waypoint i has taken after a share of its way.
+    pub fn passed(&self, i: usize, way: f64) -> f64 {
+        let Some(before) = i.checked_sub(1) else { return way };
+        let [from_s, to_s] = [before, i].map(|n| self.times_s[n]);
+        let at_s = self.law.on_the_way_s([before, i].map(|n| self.places[n]), way);
+        if to_s > from_s { ((at_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0) } else { way }
+    }
+
     /// How long the move to each waypoint takes, s.
     pub fn seconds(&self) -> Vec<f64> {
         let before = std::iter::once(0.0).chain(self.times_s.iter().copied());

@@ -97,6 +97,21 @@ impl TimeLaw {
         &self.waypoint_times_s
     }
 
+    /// When the burr has gone a share, 0 to 1, of its way along the polyline from one given waypoint to a later one, s.
+    pub fn on_the_way_s(&self, [from, to]: [usize; 2], share: f64) -> f64 {
+        let Geometry { kept_of, s_mm, length_mm, burr_per_s, .. } = &*self.geometry;
+        let segments = kept_of[from] as usize..kept_of[to] as usize;
+        let burr_mm = |i: usize| length_mm[i] * burr_per_s[i];
+        let mut left_mm = share * segments.clone().map(burr_mm).sum::<f64>();
+        for i in segments {
+            if left_mm < burr_mm(i) {
+                return self.passes_s(s_mm[i] + left_mm / burr_per_s[i]);
+            }
+            left_mm -= burr_mm(i);
+        }
+        self.waypoint_times_s[to]
+    }
+
     /// Greatest speed of the burr within the move that ends at each given waypoint, mm/s, shape (waypoints); 0 for the first.
     ///
     /// A rounded corner belongs to both moves, half each. A waypoint that was merged has the speed of the move that it lies on.
@@ -273,13 +288,7 @@ impl TimeLaw {
 
     /// When each kept waypoint is passed, s.
     fn kept_times_s(&self) -> Vec<f64> {
-        let passed_s = |&s_mm: &f64| {
-            let at = self.pieces.partition_point(|piece| piece.s_mm < s_mm).saturating_sub(1);
-            let Some(piece) = self.pieces.get(at) else { return 0.0 };
-            let end_s = self.pieces.get(at + 1).map_or(self.duration_s, |next| next.start_s);
-            piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s)
-        };
-        let mut times_s: Vec<f64> = self.geometry.s_mm.par_iter().map(passed_s).collect();
+        let mut times_s: Vec<f64> = self.geometry.s_mm.par_iter().map(|s_mm| self.passes_s(*s_mm)).collect();
         // up to rounding they never decrease
         let mut last_s = 0.0f64;
         for time_s in &mut times_s {
@@ -290,6 +299,14 @@ impl TimeLaw {
             *last = self.duration_s;
         }
         times_s
+    }
+
+    /// When a place of the path is passed, s.
+    fn passes_s(&self, s_mm: f64) -> f64 {
+        let at = self.pieces.partition_point(|piece| piece.s_mm < s_mm).saturating_sub(1);
+        let Some(piece) = self.pieces.get(at) else { return 0.0 };
+        let end_s = self.pieces.get(at + 1).map_or(self.duration_s, |next| next.start_s);
+        piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s)
     }
 }
 

@@ -263,6 +263,14 @@ fn a_right_angle_is_cut_by_the_tolerance() {
 }
 
 #[test]
+fn a_share_of_the_way_is_gone_when_the_burr_is_there() {
+    let law = Case::new([0.0, 2.0, 2.5, 6.0].map(|x| [x, 0.0, 0.0, 0.0]).into(), 3.0).law();
+    for (share, x) in [(0.0, 2.0), (0.1, 2.4), (0.5, 4.0), (1.0, 6.0)] {
+        assert!((law.sample(law.on_the_way_s([1, 3], share)).q[0] - x).abs() < 1e-9, "{share}");
+    }
+}
+
+#[test]
 fn a_corner_holds_every_waypoint_in_its_place() {
     let corner = |off: f64| [5.0, off, 0.0, 0.0];
     let case = Case::new(vec![[0.0; 4], corner(0.0), corner(1e-9), corner(5.0)], 14.0);

@@ -47,7 +47,8 @@ const AS_HIGH: f64 = 0.99;
 /// Directions this far apart are ways of their own; how many others are told.
 const APART_RAD: f64 = 0.8;
 const MOST_OTHERS: usize = 2;
-/// A given direction is refused if it reaches less than the first share of places where another reaches at least the second.
+/// A given direction is refused if it reaches less than the first share of places where another reaches at least the second; fewer places
+/// than measure the first share say nothing.
 const FACES_BONE: [f64; 2] = [0.03, 0.5];
 
 /// The tool as far as the way in depends on it.
@@ -348,7 +349,8 @@ impl WayIn {
         let lines = self.lines(|d| angle(d, &direction) <= self.tilt_limit_rad);
         let (_, given) = self.ranked(direction, &lines);
         let [least, most] = FACES_BONE;
-        if given.reached >= least {
+        let is_measured = self.places.len() as f64 * least >= 1.0;
+        if given.reached >= least || !is_measured {
             return Ok(());
         }
         match self.best() {
