@@ -28,8 +28,6 @@ use crate::errors::{self, StreamError, words};
 
 /// Steps of a rehearsal between two looks for signals.
 const LOOK_FOR_SIGNALS: u32 = 100;
-/// How often the plan's files are looked at for changes.
-const LOOK_AT_FILES: Duration = Duration::from_millis(500);
 
 /// A plan that can be streamed.
 #[pyclass(frozen)]
@@ -147,7 +145,8 @@ impl StreamPlan {
         let mut log = path.as_ref().map(|path| self.log(path, Aside::new)).transpose()?;
         let mut clock = PcClock { py, began: Instant::now() };
         let mut link = PyLink { py, link, began: clock.began, failed: None };
-        let watched = FileWatch::new(&self.dir, path)?;
+        let look_s = self.plan.settings().timing.transport_s;
+        let watched = FileWatch::new(&self.dir, path, Duration::from_secs_f64(look_s))?;
         let mut operator = PyOperator { py, operator, watched, stopped: false, failed: None };
         let mut session = Session::new(&self.plan, start_row, clock.now_s());
         let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, log.as_mut());
@@ -393,7 +392,8 @@ impl Operator for PyOperator<'_> {
     }
 }
 
-/// The plan's files as they were when the run began, and the log's name, looked at now and then by a thread of its own: a disk may not answer.
+/// The plan's files as they were when the run began, and the log's name, looked at by a thread of its own: a disk may not answer.
+/// It looks as often as a state takes on its way here, so that a change is seen as early as a tolerance that is left: the bound counts that time.
 struct FileWatch {
     changed: Receiver<Cause>,
     /// The thread ends when it is dropped.
@@ -401,7 +401,7 @@ struct FileWatch {
 }
 
 impl FileWatch {
-    fn new(dir: &Path, log: Option<PathBuf>) -> PyResult<Self> {
+    fn new(dir: &Path, log: Option<PathBuf>, every: Duration) -> PyResult<Self> {
         let names = ["plan.toml", "trajectory.csv", "waypoints.csv", "forces.csv", "robot.urdf"];
         let files = names.map(|name| dir.join(name)).map(|path| (path.clone(), stamp(&path)));
         let log = log.map(|path| (path.clone(), file_of(&path)));
@@ -417,7 +417,7 @@ impl FileWatch {
         let (found, changed) = mpsc::channel();
         let (wanted, is_wanted) = mpsc::channel::<()>();
         thread::Builder::new().name("files".to_owned()).spawn(move || {
-            while is_wanted.recv_timeout(LOOK_AT_FILES) == Err(RecvTimeoutError::Timeout) {
+            while is_wanted.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
                 if let Some(cause) = changed_now() {
                     // nobody listens once the run is over
                     let _ = found.send(cause);

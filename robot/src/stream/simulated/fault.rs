@@ -82,6 +82,8 @@ pub enum Fault {
     Interrupted,
     /// The log can no longer be written.
     DiskFull,
+    /// The log's file or folder is renamed or deleted.
+    LogGone,
     /// The plan's files are changed.
     PlanChanged,
     /// The spindle's output does not switch.
@@ -138,6 +140,7 @@ impl Fault {
         ("monotonic clock jumps by -5 s", Fault::ClockJump(-5.0)),
         ("SIGINT, SIGTERM, SIGHUP", Fault::Interrupted),
         ("disk full", Fault::DiskFull),
+        ("log's folder deleted", Fault::LogGone),
         ("plan changed under way", Fault::PlanChanged),
         ("spindle's output does not switch", Fault::SpindleStays),
         ("spindle's output goes off", Fault::SpindleDrops),

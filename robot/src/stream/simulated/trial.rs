@@ -57,6 +57,8 @@ struct Yes {
     fault: Fault,
     asked: bool,
     stopped: bool,
+    /// Time between two looks at the files, s.
+    look_s: f64,
     /// When the plan's first target was due, in true time, s.
     began_s: f64,
 }
@@ -80,13 +82,14 @@ impl Operator for Yes {
         if self.world.borrow().now_s() > MOST_S {
             return Some(Cause::NoAnswer { what: "the end of a trial", waited_s: MOST_S });
         }
-        if self.stopped || !self.world.borrow().struck() {
-            return None;
-        }
+        let Some(since_s) = self.world.borrow().struck_s().filter(|_| !self.stopped) else { return None };
+        // files are looked at as often as a state takes on its way
+        let is_seen = self.world.borrow().now_s() >= since_s + self.look_s;
         let cause = match self.fault {
             Fault::Interrupted | Fault::Killed => Cause::Interrupted,
             Fault::DiskFull => Cause::Log("no space left on device".to_owned()),
-            Fault::PlanChanged => Cause::PlanChanged("trajectory.csv".to_owned()),
+            Fault::LogGone if is_seen => Cause::Log("its folder was deleted under way".to_owned()),
+            Fault::PlanChanged if is_seen => Cause::PlanChanged("trajectory.csv".to_owned()),
             _ => return None,
         };
         self.stopped = true;
@@ -254,8 +257,9 @@ struct Ran {
 fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<World>>) -> Ran {
     let (mut link, mut clock) = (WorldLink(world.clone()), WorldClock(world.clone()));
     let mut session = Session::new(plan, start_row, clock.now_s());
+    let look_s = plan.settings().timing.transport_s;
     let mut operator =
-        Yes { world: world.clone(), fault, asked: false, stopped: false, began_s: f64::INFINITY };
+        Yes { world: world.clone(), fault, asked: false, stopped: false, look_s, began_s: f64::INFINITY };
     let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, None::<&mut LogWriter<Vec<u8>>>);
     let used_s = session.state().map_or(0.0, |state| world.borrow().made_s(state));
     Ran { outcome, used_s, began_s: operator.began_s }

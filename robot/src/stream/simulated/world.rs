@@ -151,9 +151,9 @@ impl World {
         self.q
     }
 
-    /// Whether the fault has struck.
-    pub fn struck(&self) -> bool {
-        self.struck
+    /// When the fault struck, once it has, in true time, s.
+    pub fn struck_s(&self) -> Option<f64> {
+        self.struck.then_some(self.onset_s)
     }
 
     /// When a state was made, in true time, s.
