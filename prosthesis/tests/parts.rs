@@ -252,21 +252,49 @@ fn a_step_that_overhangs_on_both_sides_is_told_with_its_place() {
 
 /// A plate of 12 × 4 × 12 mm with a square hole along y.
 fn plate_with_hole(hole_mm: f64) -> Mesh<Block> {
+    plate_cut_to(hole_mm, None)
+}
+
+/// The same plate, with the hole from +y to a floor, or through.
+fn plate_cut_to(hole_mm: f64, floor_y: Option<f64>) -> Mesh<Block> {
     let ring = |half: f64, y: f64| {
         [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| Point::new(x, y, z))
     };
-    let rings = [ring(6.0, 2.0), ring(0.5 * hole_mm, 2.0), ring(6.0, -2.0), ring(0.5 * hole_mm, -2.0)];
+    let half = 0.5 * hole_mm;
+    let rings = [ring(6.0, 2.0), ring(half, 2.0), ring(6.0, -2.0), ring(half, floor_y.unwrap_or(-2.0))];
     let mut triangles = Vec::new();
     let mut quad = |a: u32, b: u32, c: u32, d: u32| triangles.extend([[a, b, c], [a, c, d]]);
     for k in 0..4 {
         let n = (k + 1) % 4;
         // x to z is clockwise seen from +y
         quad(k, 4 + k, 4 + n, n);
-        quad(8 + k, 8 + n, 12 + n, 12 + k);
         quad(k, n, 8 + n, 8 + k);
         quad(4 + k, 12 + k, 12 + n, 4 + n);
+        if floor_y.is_none() {
+            quad(8 + k, 8 + n, 12 + n, 12 + k);
+        }
+    }
+    if floor_y.is_some() {
+        quad(15, 14, 13, 12);
+        quad(8, 9, 10, 11);
     }
     Mesh { vertices: rings.concat(), triangles }
+}
+
+#[test]
+fn square_holes_and_pockets_keep_the_side_load_in_their_corners_and_nothing_in_them_comes_loose() {
+    let mill = EndMill { radius_mm: 1.0, ..flat() };
+    for (diameters, floor_y) in
+        [(2.0, None), (2.3, None), (2.67, None), (3.1, None), (2.0, Some(-1.0)), (2.67, Some(-1.0))]
+    {
+        let side_mm = diameters * mill.diameter_mm();
+        let part = plate_cut_to(side_mm, floor_y);
+        let removed_mm3 = side_mm * side_mm * (2.0 - floor_y.unwrap_or(-2.0));
+        assert!((part.volume_mm3() - (144.0 * 4.0 - removed_mm3)).abs() < 1e-9);
+        let job = quick(&part, mill.clone());
+        let (_, proof, _) = proven(&part, &job);
+        is_clean(&proof, &job);
+    }
 }
 
 #[test]

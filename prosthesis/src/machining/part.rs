@@ -71,6 +71,19 @@ impl Part {
         loops
     }
 
+    /// Whether an outline, as a side sees it, lies in a hole of the part.
+    pub fn is_in_hole(&self, outline: &Loop, facing: Facing) -> bool {
+        let front = |[u, v]: [f64; 2]| if facing == Facing::Front { [u, v] } else { [u, -v] };
+        let cell = outline.first().and_then(|p| self.raster.cell(front(*p)));
+        cell.is_some_and(|cell| self.outside_mm[cell] < 0.0)
+    }
+
+    /// The cells of the part's holes, as a side sees them.
+    pub fn holes(&self, facing: Facing) -> Vec<bool> {
+        let is_hole = |cell: usize| self.outside_mm[cell] < 0.0 && !self.envelope.holds(cell);
+        self.seen(&(0..self.raster.len()).map(is_hole).collect::<Vec<_>>(), facing)
+    }
+
     /// The strip, or the tab alone, as a body that the side must not cut.
     pub fn strip_body(&self, facing: Facing, tab_only: bool) -> Vec<f64> {
         let mut body = self.strip.body(&self.raster, &self.envelope, &self.nearest, facing == Facing::Back);

@@ -46,6 +46,10 @@ impl TipPass {
         self.places[(n + 1) % self.places.len()]
     }
 
+    pub(crate) fn before(&self, n: usize) -> Option<&TipPoint> {
+        if n == 0 { self.places.last().filter(|_| self.closed) } else { self.places.get(n - 1) }
+    }
+
     /// Mean distance of neighbours, mm.
     pub(crate) fn step_mm(&self) -> f64 {
         let across = self.places.windows(2).map(|p| across_mm(&p[1], &p[0]));

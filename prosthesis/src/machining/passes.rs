@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::machining::MachiningJob;
 use crate::machining::moves::{Facing, Kind, Side, TipMove};
-use crate::machining::pass::{Height, TipPass, rounded, simplified};
+use crate::machining::pass::{Height, TipPass, across_mm, rounded, simplified};
 use crate::machining::stock::{Stock, TipPoint, steps};
 
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
@@ -59,6 +59,12 @@ pub struct Passes<'a> {
     /// Whether the last move cut.
     cutting: bool,
     moves: Vec<TipMove>,
+}
+
+/// Direction from one place to another across the cutter's axis; `None` where they are one.
+fn toward(from: &TipPoint, to: &TipPoint) -> Option<[f64; 2]> {
+    let length = across_mm(from, to);
+    (length > 0.0).then(|| [(to[0] - from[0]) / length, (to[1] - from[1]) / length])
 }
 
 impl<'a> Passes<'a> {
@@ -125,7 +131,8 @@ impl<'a> Passes<'a> {
         for _ in 0..MOST_STEPS {
             cancel::poll();
             let driven = self.driven(pass, &needed);
-            let wide = |n: usize| driven[n] && self.is_wide(pass, n);
+            let is_deep = |p: &TipPoint| self.stock.lowest_mm([p[0], p[1]]) - entry > p[2];
+            let wide = |n: usize| driven[n] && is_deep(&pass.places[n]) && self.is_wide(pass, n);
             let wide: Vec<bool> = (0..driven.len()).into_par_iter().with_min_len(SHARED).map(wide).collect();
             if !wide.contains(&true) {
                 break;
@@ -157,19 +164,22 @@ impl<'a> Passes<'a> {
         // an open pass ends in the direction in which it came
         let ends = !pass.closed && n + 1 == pass.places.len();
         let n = if ends { n.saturating_sub(1) } else { n };
-        let (here, next) = (pass.places[n], pass.next(n));
-        let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if length == 0.0 || !here[2].is_finite() {
-            return 0.0;
-        }
-        let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, deeper_mm)
+        let at = pass.places[n];
+        toward(&at, &pass.next(n)).map_or(0.0, |along| self.stock.width_mm(at, along, deeper_mm, 0.0))
     }
 
-    /// Strips of cells tell a width to a cell and a half.
+    /// Whether a cut is too wide where it arrives at a place or where it leaves it: before a corner of the part stock stands ahead of the cutter and
+    /// beside it, behind the corner beside it only. Strips of cells tell a width to a cell and a half.
     fn is_wide(&self, pass: &TipPass, n: usize) -> bool {
-        self.bounded
-            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 1.5 * self.stock.pitch_mm()
+        let pitch_mm = self.stock.pitch_mm();
+        let at = pass.places[n];
+        let leaves = (pass.closed || n + 1 < pass.places.len()).then(|| toward(&at, &pass.next(n)));
+        let arrives = pass.before(n).map(|before| toward(before, &at));
+        let is_wide = |along: [f64; 2]| {
+            self.stock.width_mm(at, along, self.entry_mm(), 0.5 * pitch_mm)
+                > self.job.widest_mm() - 1.5 * pitch_mm
+        };
+        self.bounded && [leaves, arrives].into_iter().flatten().flatten().any(is_wide)
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.

@@ -105,25 +105,46 @@ impl<'a> Sight<'a> {
         let floor = |p: [f64; 2]| raster.highest_around(&self.strip_tip, p).max(self.deepest_mm);
         let beside_part = |p: [f64; 2]| (self.drop.height_mm(p) + ALLOWANCE_MM).max(floor(p));
         let wall = raster.widened(&tip);
+        let lay = |outline: &Loop| self.sensed(TipPass::along(outline, 1.5 * raster.pitch_mm, beside_part));
+        let channel = |passes: &mut Passes<'_>, around: &[TipPass], level: f64| {
+            let height = |p: [f64; 2]| beside_part(p).max(level);
+            around.iter().for_each(|pass| passes.cut(&pass.above(level), &height, Kind::Rough));
+        };
+        let layer = |passes: &mut Passes<'_>, outwards: bool, level: f64| {
+            let height = |p: [f64; 2]| free(p).max(level);
+            let along = |outline: &Loop| TipPass::along(outline, 1.5 * raster.pitch_mm, height);
+            let walls = iso_loops(raster, &wall, level + 1e-6);
+            let mut rings: Vec<TipPass> = loops.iter().map(along).collect();
+            if outwards {
+                rings = rings.into_iter().rev().map(TipPass::reversed).collect();
+            }
+            for pass in rings.into_iter().chain(walls.iter().map(along)) {
+                passes.cut(&self.sensed(pass), &height, Kind::Rough);
+            }
+        };
+        let outlines = part.around(beside, self.facing);
+        let (holes, outer): (Vec<&Loop>, Vec<&Loop>) =
+            outlines.iter().partition(|outline| part.is_in_hole(outline, self.facing));
+        let [holes, outer]: [Vec<TipPass>; 2] =
+            [holes, outer].map(|outlines| outlines.into_iter().map(lay).collect());
+        // what stands in a hole hangs on its wall to the end, else it comes loose once the other side is cut: from the inside outwards. It is cut no
+        // deeper than at full width, since in the hole's corners stock stands ahead of the cutter and beside it
+        let all = std::mem::replace(&mut passes.counts, part.holes(self.facing));
+        for level in levels(top, lowest, passes.entry_mm()).take_while(|_| !holes.is_empty()) {
+            layer(passes, true, level);
+            channel(passes, &holes, level);
+        }
+        passes.counts = all;
         passes.left_alone = Some(Sliver {
             thinner_mm: SLIVER_DEPTH * job.entry_mm(),
             narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
         });
         // the channel around the part is a slot
-        let lay = |outline: &Loop| self.sensed(TipPass::along(outline, 1.5 * raster.pitch_mm, beside_part));
-        let around: Vec<TipPass> = part.around(beside, self.facing).iter().map(lay).collect();
         for level in levels(top, lowest, passes.entry_mm()) {
-            let height = |p: [f64; 2]| beside_part(p).max(level);
-            for pass in &around {
-                passes.cut(&pass.above(level), &height, Kind::Rough);
-            }
+            channel(passes, &outer, level);
         }
         for level in levels(top, lowest, job.level_mm()) {
-            let height = |p: [f64; 2]| free(p).max(level);
-            for outline in loops.iter().chain(&iso_loops(raster, &wall, level + 1e-6)) {
-                let pass = self.sensed(TipPass::along(outline, 1.5 * raster.pitch_mm, height));
-                passes.cut(&pass, &height, Kind::Rough);
-            }
+            layer(passes, false, level);
         }
         passes.left_alone = None;
     }
@@ -144,15 +165,12 @@ impl<'a> Sight<'a> {
             let lowest = raster.highest_around(&floor, p).max(raster.highest_around(&tab, p));
             lowest.max(self.drop.height_mm(p)).max(self.deepest_mm)
         };
-        let outside_mm = part.seen(&part.outside_mm, self.facing);
-        // around holes there is no strip
-        let is_in_hole = |p: [f64; 2]| raster.cell(p).is_some_and(|cell| outside_mm[cell] < 0.0);
         let around = |passes: &mut Passes<'_>, beside_mm: f64| {
-            for outline in &part.around(beside_mm, self.facing) {
-                if !outline.first().is_some_and(|p| is_in_hole(*p)) {
-                    let pass = TipPass::along(outline, 1.5 * raster.pitch_mm, height);
-                    passes.cut(&self.sensed(refined(pass, height)), &height, Kind::Contour);
-                }
+            let outlines = part.around(beside_mm, self.facing);
+            // around holes there is no strip
+            for outline in outlines.iter().filter(|outline| !part.is_in_hole(outline, self.facing)) {
+                let pass = TipPass::along(outline, 1.5 * raster.pitch_mm, height);
+                passes.cut(&self.sensed(refined(pass, height)), &height, Kind::Contour);
             }
         };
         let loose = part.loose.iter().zip(&part.outside_mm).filter(|(loose, _)| **loose);

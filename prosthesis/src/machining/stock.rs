@@ -112,15 +112,18 @@ impl Stock {
     }
 
     /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
-    pub fn width_mm(&self, at: TipPoint, direction: [f64; 2], deeper_mm: f64) -> f64 {
+    /// Stock whose cells' centres are up to `grown_mm` before the tool counts, too: slivers may be thinner than a cell.
+    pub fn width_mm(&self, at: TipPoint, direction: [f64; 2], deeper_mm: f64, grown_mm: f64) -> f64 {
+        let radius_mm = self.tool.radius_mm;
         let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
-        let thick = self.under(at, 0.0).filter(|(cell, w)| self.taken(*cell, *w) > deeper_mm);
+        let near = self.under(at, grown_mm);
+        let thick = near.filter(|(cell, w)| self.taken(*cell, *w) > deeper_mm);
         thick.for_each(|(cell, _)| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
-            if du * direction[0] + dv * direction[1] > 0.0 {
-                let across = dv * direction[0] - du * direction[1];
-                strips[((across + self.tool.radius_mm) / self.raster.pitch_mm + TIE) as usize] = true;
+            let across = dv * direction[0] - du * direction[1];
+            if du * direction[0] + dv * direction[1] > 0.0 && across.abs() <= radius_mm {
+                strips[((across + radius_mm) / self.raster.pitch_mm + TIE) as usize] = true;
             }
         });
         strips.iter().filter(|strip| **strip).count() as f64 * self.raster.pitch_mm

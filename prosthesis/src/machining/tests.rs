@@ -176,7 +176,7 @@ fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
     let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
     let cutter = tool(1.5, 0.0);
     let mut stock = Stock::block(&raster, &block, &cutter, Facing::Front);
-    let width = |stock: &Stock, v: f64| stock.width_mm([0.0, v, 6.0], [1.0, 0.0], 1.0);
+    let width = |stock: &Stock, v: f64| stock.width_mm([0.0, v, 6.0], [1.0, 0.0], 1.0, 0.0);
     assert!((width(&stock, 0.0) - 3.0).abs() < 0.11);
     stock.cut_line([-8.0, 0.0, 6.0], [3.0, 0.0, 6.0]);
     assert!((width(&stock, 1.2) - 1.2).abs() < 0.11, "{}", width(&stock, 1.2));
