@@ -38,12 +38,15 @@ const KEYS: [Choices; COUNT] = [
     &[("[[30, 12, 44]", "[[60, 20, 60]"), ("[[30, 12, 44]", "[[31, 11, 46]")],
 ];
 
+/// Size of a hole, of its outline's.
+const HOLE: f64 = 0.5;
+
 /// A random job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct RandomJob {
     /// Its number, from which the changes are drawn.
     number: u64,
-    /// 0: a box; 1: a prism of 5 to 8 sides; 2: an L; 3: a box that narrows; 4: a drawn prosthesis.
+    /// 0: a box; 1: a prism of 5 to 8 sides; 2: an L; 3: a box that narrows; 4: a drawn prosthesis; 5: a prism with a hole of its outline.
     shape: u8,
     /// Sides, mm.
     size_mm: [u8; 3],
@@ -67,7 +70,7 @@ impl RandomJob {
     /// The job with this number.
     fn draw(number: u64) -> Self {
         let mut below = draws(number ^ 0x7f4a_7c15_0000_0000);
-        let shape = below(5);
+        let shape = below(6);
         let size_mm = [10 + below(8), 3 + below(4), 8 + below(8)];
         let keys = Keys::draw(&KEYS, &mut below);
         Self { number, shape, size_mm, keys }
@@ -86,7 +89,7 @@ impl RandomJob {
         let [x, y, z] = self.size_mm.map(f64::from);
         // the outline in the plane of x and z, and how much smaller it is at the far side
         let (outline, far): (Vec<[f64; 2]>, f64) = match self.shape {
-            1 => {
+            1 | 5 => {
                 let sides = 5 + u32::from(self.size_mm[0] % 4);
                 let corner = |n: u32| {
                     let (sin, cos) = (std::f64::consts::TAU * f64::from(n) / f64::from(sides)).sin_cos();
@@ -103,22 +106,30 @@ impl RandomJob {
             _ => (vec![[0.0, 0.0], [x, 0.0], [x, z], [0.0, z]], 1.0),
         };
         let count = outline.len();
-        let at = |n: usize, side: bool| {
+        // share of the outline's size about its middle
+        let at = |n: usize, side: bool, share: f64| {
             let [u, w] = outline[n % count];
             let scale = if side { far } else { 1.0 };
-            format!("vertex {} {} {}\n", scale * u, if side { y } else { 0.0 }, scale * w)
+            let [u, w] = [(u, x), (w, z)].map(|(at, size)| scale * (0.5 * size + share * (at - 0.5 * size)));
+            format!("vertex {u} {} {w}\n", if side { y } else { 0.0 })
         };
-        let facet = |corners: [(usize, bool); 3]| {
-            let corners = corners.map(|(n, side)| at(n, side)).concat();
+        let facet = |corners: [(usize, bool, f64); 3]| {
+            let corners = corners.map(|(n, side, share)| at(n, side, share)).concat();
             format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n")
         };
+        // corners in their order
+        let quad = |[a, b, c, d]: [(usize, bool, f64); 4]| facet([a, b, c]) + &facet([a, c, d]);
         let mut text = String::from("solid part\n");
         for n in 0..count {
-            text += &facet([(n, false), (n, true), (n + 1, false)]);
-            text += &facet([(n + 1, false), (n, true), (n + 1, true)]);
-            if (1..count - 1).contains(&n) {
-                text += &facet([(0, false), (n, false), (n + 1, false)]);
-                text += &facet([(0, true), (n + 1, true), (n, true)]);
+            let (m, hole) = (n + 1, HOLE);
+            text += &quad([(n, false, 1.0), (n, true, 1.0), (m, true, 1.0), (m, false, 1.0)]);
+            if self.shape == 5 {
+                text += &quad([(n, false, hole), (m, false, hole), (m, true, hole), (n, true, hole)]);
+                text += &quad([(n, false, 1.0), (m, false, 1.0), (m, false, hole), (n, false, hole)]);
+                text += &quad([(n, true, 1.0), (n, true, hole), (m, true, hole), (m, true, 1.0)]);
+            } else if (1..count - 1).contains(&n) {
+                text += &facet([(0, false, 1.0), (n, false, 1.0), (m, false, 1.0)]);
+                text += &facet([(0, true, 1.0), (m, true, 1.0), (n, true, 1.0)]);
             }
         }
         std::fs::write(path, text + "endsolid part\n").map_err(ExperimentError::Folder)
@@ -157,6 +168,9 @@ impl RandomJob {
         if plan.shortfalls.is_empty() != verdict.passed() {
             let [ours, its] = [plan.shortfalls.join("; "), faults.join("; ")];
             return Ok(End::Disagrees(format!("the plan falls short of \"{ours}\", verify of \"{its}\"")));
+        }
+        if let Some(piece) = plan.proof.loose.first() {
+            return Ok(End::Disagrees(format!("a piece of {:.1} mm³ comes loose", piece.volume_mm3)));
         }
         let told = |fault: &&str| plan.shortfalls.iter().any(|reason| reason == fault);
         if let Some(fault) = faults.iter().find(|fault| !told(fault)) {
