@@ -78,7 +78,7 @@ impl<'a> Sight<'a> {
         self.finish(part, passes);
     }
 
-    /// Levels down to the strip. What is thinner or narrower than a [`Sliver`] is left to finishing.
+    /// Holes, then levels down to the strip. What is thinner or narrower than a [`Sliver`] is left to finishing.
     fn rough(&self, part: &Part, passes: &mut Passes<'_>) {
         let (raster, job) = (&part.raster, self.job);
         let grown = 0.75 * raster.pitch_mm + ALLOWANCE_MM;
