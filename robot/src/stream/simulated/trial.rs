@@ -82,7 +82,7 @@ impl Operator for Yes {
         if self.world.borrow().now_s() > MOST_S {
             return Some(Cause::NoAnswer { what: "the end of a trial", waited_s: MOST_S });
         }
-        let Some(since_s) = self.world.borrow().struck_s().filter(|_| !self.stopped) else { return None };
+        let since_s = self.world.borrow().struck_s().filter(|_| !self.stopped)?;
         // files are looked at as often as a state takes on its way
         let is_seen = self.world.borrow().now_s() >= since_s + self.look_s;
         let cause = match self.fault {
