@@ -349,9 +349,7 @@ impl<'a> Start<'a> {
             Some((.., chosen, motion)) => (chosen, motion),
             None => prepared.choose_with_motion(&choices, watch)?,
         };
-        if goal.is_some() {
-            watch.run("forces", || prepared.look_finely(&choices, &mut chosen))?;
-        }
+        watch.run("forces", || prepared.look_finely(&choices, &mut chosen, &motion))?;
         Ok((choices, chosen, motion))
     }
 

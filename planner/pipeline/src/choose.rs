@@ -170,16 +170,23 @@ impl Prepared<'_> {
         Ok(())
     }
 
-    /// Computes the forces where moves end as finely as they are stated, and the costs with them.
+    /// Computes the forces where moves end, and the largest within them, as finely as they are stated, and the costs with them.
     ///
     /// # Errors
-    /// When the tool or the material is not usable.
-    pub(super) fn look_finely(&self, choices: &Choices, chosen: &mut Chosen) -> Result<(), PlanError> {
+    /// When the tool, the material or the arm's limits are not usable.
+    pub(super) fn look_finely(
+        &self,
+        choices: &Choices,
+        chosen: &mut Chosen,
+        motion: &ArmMotion,
+    ) -> Result<(), PlanError> {
         let case = &choices.applied_to(self.start.case);
         let axes = &chosen.oriented.axes;
         let forced = self.forced();
         chosen.forces = forced.finely((case, &forced.swept(case)), axes, |i| chosen.forces[i].is_some())?;
         begin_as_ended(&mut chosen.within, &chosen.forces);
+        let moves = (&chosen.forces[..], &mut chosen.within[..]);
+        forced.largest_finely((&self.start, case, &self.near), axes, motion, moves)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
@@ -235,13 +242,7 @@ impl Prepared<'_> {
             with_motion.then(|| self.motion(case, &oriented.axes)).transpose()
         })?;
         let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
-        let forces = watch.run("forces", || {
-            // axes for a goal are chosen several times: their forces are computed finely once they stand
-            match choices.goal {
-                Some(_) => Ok(forced.at_ends((&sampled, &swept), &oriented.axes, removes)),
-                None => forced.finely((case, &swept), &oriented.axes, removes),
-            }
-        })?;
+        let forces = watch.run("forces", || forced.at_ends((&sampled, &swept), &oriented.axes, removes));
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
         let costs = self.costs(&terms, &oriented.axes, &pushes);

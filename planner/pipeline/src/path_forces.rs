@@ -5,11 +5,12 @@
 //! caps hold at all of them. A link grazes what lies between the planning grid's voxels.
 
 use bonemill_case::Case;
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, ForceKernel};
+use bonemill_cutting::burr::{BoneAround, EngagedForce, EngagedSamples, Feed, ForceKernel, Material};
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_geometry::{Base, Point, Rigid, Tool};
 use bonemill_setup::armpath::ArmMotion;
+use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::tools;
 use bonemill_toolpath::engagement::{RoundedCorner, SweptPath};
 use bonemill_toolpath::path::PathPoint;
@@ -34,6 +35,8 @@ const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
+/// A place within a move is looked at finely where its force is larger than this share of that at the move's end.
+const AS_LARGE: f64 = 0.9;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
@@ -52,8 +55,8 @@ pub(super) struct ForcedPath<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct ForceWithin {
     pub(super) force: EngagedForce,
-    /// Whether it is that where the move before ends.
-    begins: bool,
+    /// Share of the move's way after which it is; 0 where it is that with which the move before ends.
+    at: f64,
     /// Share of the move's way that it stands for in means; the force where the move ends stands for the rest.
     share: f64,
 }
@@ -106,22 +109,23 @@ fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {
     let shares = places.iter().zip(starts.zip(between));
     let within = |(place, (from, to)): (&(f64, EngagedForce), (f64, f64))| ForceWithin {
         force: place.1,
-        begins: place.0 == 0.0,
+        at: place.0,
         share: to - from,
     };
     shares.map(within).collect()
 }
 
 /// Those of some places that remove something, which stand for no share of a move.
-fn cutting(forces: impl Iterator<Item = EngagedForce>) -> impl Iterator<Item = ForceWithin> {
-    let cuts = forces.filter(|force| force.mrr_mm2 > 0.0);
-    cuts.map(|force| ForceWithin { force, begins: false, share: 0.0 })
+fn cutting(places: impl Iterator<Item = (f64, EngagedForce)>) -> impl Iterator<Item = ForceWithin> {
+    let cuts = places.filter(|(_, force)| force.mrr_mm2 > 0.0);
+    // a move that is at its beginning after no way begins on its own
+    cuts.map(|(at, force)| ForceWithin { force, at: at.max(f64::MIN_POSITIVE), share: 0.0 })
 }
 
 /// Where a move begins with the force where the one before it ends, it is as exact as that.
 pub(super) fn begin_as_ended(within: &mut [Vec<ForceWithin>], ends: &[Option<EngagedForce>]) {
     for (places, before) in within.iter_mut().skip(1).zip(ends) {
-        let begins = places.iter_mut().find(|place| place.begins);
+        let begins = places.iter_mut().find(|place| place.at == 0.0);
         begins.into_iter().zip(before).for_each(|(place, before)| place.force = *before);
     }
 }
@@ -141,6 +145,45 @@ fn rounded_corners(start: &Start, motion: &ArmMotion) -> Result<Vec<RoundedCorne
 pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
     let around = |back: f64| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0));
     swept.comes_back(i).into_iter().flat_map(around).collect()
+}
+
+/// The shaft's axis after a share of the way of move i: it turns during the move.
+fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
+    Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share))
+}
+
+/// A case's force as finely as it is stated.
+struct FineForce {
+    kernel: ForceKernel,
+    material: Material,
+    nominal_mm_s: f64,
+    spindle_rpm: f64,
+}
+
+impl FineForce {
+    fn new(case: &Case) -> Result<Self, PlanError> {
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let fine = tools::discretisation(&tool, measure, tools::FORCE_ELEMENTS)?;
+        let kernel = ForceKernel::new(&tool, &material, &fine);
+        Ok(Self {
+            kernel,
+            material,
+            nominal_mm_s: case.speed.nominal_mm_s,
+            spindle_rpm: case.burr.spindle_rpm,
+        })
+    }
+
+    /// In the bone around, for an axis and a direction of motion.
+    fn of(
+        &self,
+        mut bone: impl BoneAround,
+        axis: &Unit<Vector3<f64>>,
+        direction: &Unit<Vector3<f64>>,
+    ) -> EngagedForce {
+        let feed = Feed::new(direction, self.nominal_mm_s, self.spindle_rpm);
+        self.kernel.engaged_force(axis, &feed, &mut bone)
+    }
 }
 
 impl ForcedPath<'_> {
@@ -171,18 +214,51 @@ impl ForcedPath<'_> {
         axes: &[Unit<Vector3<f64>>],
         is_asked: impl Fn(usize) -> bool + Sync,
     ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let fine = tools::discretisation(&tool, measure, tools::FORCE_ELEMENTS)?;
-        let kernel = ForceKernel::new(&tool, &material, &fine);
-        let (nominal_mm_s, spindle_rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        let fine = FineForce::new(case)?;
         let force = |i: usize| {
-            let feed = Feed::new(&self.feeds[i].filter(|_| is_asked(i))?, nominal_mm_s, spindle_rpm);
-            let weight = |density| material.weight(density);
-            let mut bone = swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
-            Some(kernel.engaged_force(&axes[i], &feed, &mut bone))
+            let feed = self.feeds[i].filter(|_| is_asked(i))?;
+            let weight = |density| fine.material.weight(density);
+            Some(fine.of(swept.bone_at(i as u32, fine.kernel.sample_radius_mm(), weight), &axes[i], &feed))
         };
         Ok((0..self.points.len()).into_par_iter().map(force).collect())
+    }
+
+    /// Computes the largest forces within moves as finely as those where they end: of the whole force, and toward each of the structures
+    /// that are `near`.
+    ///
+    /// # Errors
+    /// When the tool, the material or the arm's limits are not usable.
+    pub fn largest_finely(
+        &self,
+        (start, case, near): (&Start, &Case, &[Vec<NearStructure>]),
+        axes: &[Unit<Vector3<f64>>],
+        motion: &ArmMotion,
+        (ends, within): (&[Option<EngagedForce>], &mut [Vec<ForceWithin>]),
+    ) -> Result<(), PlanError> {
+        let (swept, fine) = (self.rounded((start, case), motion)?, FineForce::new(case)?);
+        let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
+            let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
+            let end_n = ends[i].map_or(Vector3::zeros(), |end| pushes(&end));
+            let towards = near[i].iter().map(|n| n.proximity.toward.into_inner());
+            let measures = towards.map(Some).chain([None]);
+            for toward in measures {
+                let size = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
+                let largest = places
+                    .iter_mut()
+                    .max_by(|a, b| size(&pushes(&a.force)).total_cmp(&size(&pushes(&b.force))));
+                let matters = |place: &&mut ForceWithin| {
+                    place.at > 0.0 && size(&pushes(&place.force)) > AS_LARGE * size(&end_n).max(0.0)
+                };
+                let Some(place) = largest.filter(matters) else { continue };
+                let weight = |density| fine.material.weight(density);
+                let around = ((i as u32, place.at), fine.kernel.sample_radius_mm());
+                if let Some((feed, bone)) = swept.bone_within(around.0, around.1, weight) {
+                    place.force = fine.of(bone, &axis_within(axes, i, place.at), &feed);
+                }
+            }
+        };
+        within.par_iter_mut().enumerate().for_each(of_move);
+        Ok(())
     }
 
     /// The path as it is planned, with what is gone when each move comes.
@@ -222,15 +298,14 @@ impl ForcedPath<'_> {
             let at = |share: f64| {
                 let weight = |density| sampled.weight(density);
                 let (feed, bone) = swept.bone_within((i as u32, share), sampled.radius_mm(), weight)?;
-                // the shaft turns during the move
-                let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
+                let axis = axis_within(axes, i, share);
                 let mut samples = EngagedSamples::default();
                 sampled.gather(&mut samples, &sampled.nominal(&feed), bone);
                 Some(sampled.of(&samples, &axis))
             };
-            let skins = around_back(&swept, i).into_iter().filter_map(at);
-            let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
             let found_at = |share: f64| Some((share, at(share)?));
+            let skins = around_back(&swept, i).into_iter().filter_map(found_at);
+            let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| found_at(1.0));
             let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
             let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
             let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
@@ -252,11 +327,8 @@ impl ForcedPath<'_> {
                     pairs.extend([[from, (middle, force)], [(middle, force), to]]);
                 }
             }
-            let mut found = if ends[i].is_some() {
-                shared(places)
-            } else {
-                cutting(places.into_iter().map(|(_, force)| force)).collect()
-            };
+            let mut found =
+                if ends[i].is_some() { shared(places) } else { cutting(places.into_iter()).collect() };
             found.extend(cutting(skins.chain(corner)));
             found
         };
