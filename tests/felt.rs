@@ -177,7 +177,8 @@ fn under_force_caps_what_cuts_nothing_does_not_crawl() {
     place.plan();
     let plan = StoredPlan::load(&place.path("plan")).unwrap();
     let least_mm_s = plan.record.case.speed.min_mm_s;
-    let is_idle = |w: &&Waypoint| w.mass_mg == 0.0 && w.peak_force_n == 0.0;
+    // links touch what lies between the grid's voxels, with less than the cap
+    let is_idle = |w: &&Waypoint| w.mass_mg == 0.0 && w.peak_force_n < 0.45;
     let idle: Vec<&Waypoint> = plan.waypoints.iter().skip(1).filter(is_idle).collect();
     assert!(idle.len() > 20, "{} moves cut nothing", idle.len());
     let slow = idle.iter().filter(|w| w.speed_mm_s < least_mm_s).count();
