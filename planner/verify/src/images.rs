@@ -11,7 +11,7 @@ use std::path::Path;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::AffineChoice;
 use flate2::bufread::MultiGzDecoder;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::VerifyError;
 use super::error::ReadProblem;
@@ -206,7 +206,7 @@ impl Header {
             if by_sform && has_qform {
                 // b, c, d are rounded, and a = √(1 − b² − c² − d²) with them; a turn by 2 da moves a corner
                 let turn = axes * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, axes.determinant()));
-                let real = (0.5 * Rotation3::from_matrix_unchecked(turn).angle()).cos();
+                let real = (0.25 * (1.0 + turn.trace())).max(0.0).sqrt();
                 let rounding = 4.0 * ((real * real + QUATERNION_ROUNDING).sqrt() - real);
                 let size_mm = Vector3::from(self.dims.map(|d| d as f64)).component_mul(&spacing);
                 if !is_same(&self.qform()?, rounding * size_mm.norm()) {

@@ -47,6 +47,8 @@ const AS_HIGH: f64 = 0.99;
 /// Directions this far apart are ways of their own; how many others are told.
 const APART_RAD: f64 = 0.8;
 const MOST_OTHERS: usize = 2;
+/// A chosen direction's components are rounded to this.
+const ROUNDED_TO: f64 = 1e-4;
 /// A given direction is refused if it reaches less than the first share of places where another reaches at least the second; fewer places
 /// than measure the first share say nothing.
 const FACES_BONE: [f64; 2] = [0.03, 0.5];
@@ -138,7 +140,9 @@ pub(super) fn approach(
         (Some(direction), None) => Ok((direction, None)),
         (None, Some(way_in)) => {
             let chosen = way_in.best().ok_or(SceneError::NoApproach)?;
-            Ok((chosen.best.direction, Some(chosen)))
+            // the same for a scan that is stored otherwise, whose header has single precision
+            let rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
+            Ok((rounded.normalize(), Some(chosen)))
         }
         (None, None) => Err(SceneError::NoRoom { radius_mm: spec.tool.cutter_radius_mm }),
     }
