@@ -28,6 +28,8 @@ use super::speeds::JointMotion;
 /// which the one before it ends.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
+/// Places in the middle of a corner, by how far the burr has turned there from one move's direction to the next one's, beyond 1.
+const TURNING: [f64; 3] = [1.25, 1.5, 1.75];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
@@ -149,7 +151,7 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
 
 /// The shaft's axis after a share of the way of move i: it turns during the move.
 fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
-    Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share))
+    Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share.min(1.0)))
 }
 
 /// A case's force as finely as it is stated.
@@ -305,7 +307,8 @@ impl ForcedPath<'_> {
             };
             let found_at = |share: f64| Some((share, at(share)?));
             let skins = around_back(&swept, i).into_iter().filter_map(found_at);
-            let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| found_at(1.0));
+            let turning = ends[i].filter(|_| swept.is_rounded(i)).map(|_| TURNING);
+            let corner = turning.into_iter().flatten().filter_map(found_at);
             let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
             let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
             let begins = begins.or_else(|| found_at(IN_CORNERS[0]));

@@ -199,7 +199,8 @@ impl<'a> SweptPath<'a> {
     }
 
     /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
-    /// where it does not move. In the middle of a rounded corner, at 1, that is between those before and behind it.
+    /// where it does not move. Shares from 1 to 2 are in the middle of a rounded corner, where the burr turns from the direction before it
+    /// to that behind it.
     pub fn bone_within<W: Fn(f64) -> f64>(
         &self,
         (index, share): (u32, f64),
@@ -208,16 +209,16 @@ impl<'a> SweptPath<'a> {
     ) -> Option<(Unit<Vector3<f64>>, BoneAt<'_, W>)> {
         let (first, last) = (self.end_of[index.checked_sub(1)? as usize], self.end_of[index as usize]);
         let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();
-        let mut left_mm = share * (first + 1..=last).map(length).sum::<f64>();
+        let mut left_mm = share.min(1.0) * (first + 1..=last).map(length).sum::<f64>();
         for n in first + 1..=last {
             let (from, to) = (self.vertices[n as usize - 1], self.vertices[n as usize]);
             let piece_mm = length(n);
             if left_mm <= piece_mm || n == last {
                 let mut direction = Unit::try_new(to - from, 1e-9)?;
                 let center = from + direction.into_inner() * left_mm.min(piece_mm);
-                if share >= 1.0 && self.is_rounded[index as usize] {
+                if share > 1.0 && self.is_rounded[index as usize] {
                     let behind = Unit::try_new(self.vertices[n as usize + 1] - to, 1e-9)?;
-                    direction = Unit::try_new(direction.into_inner() + behind.into_inner(), 1e-9)?;
+                    direction = Unit::try_new(direction.lerp(&behind, share - 1.0), 1e-9)?;
                 }
                 return Some((
                     direction,
