@@ -30,6 +30,9 @@ impl Lines<'_> {
     }
 }
 
+/// A target whose centre of mass is this near to the middle of its outline, mm, is symmetric.
+const SYMMETRIC: f64 = 1e-4;
+
 /// In-plane axes of the lawnmower: lines run along u and follow each other along v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RasterFrame {
@@ -104,8 +107,9 @@ fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
+/// The axis with the sign of `towards`; as it is where that decides nothing, in a symmetric target.
 fn pointing(axis: [f64; 2], towards: [f64; 2]) -> [f64; 2] {
-    if dot(axis, towards) < 0.0 { [-axis[0], -axis[1]] } else { axis }
+    if dot(axis, towards) < -SYMMETRIC { [-axis[0], -axis[1]] } else { axis }
 }
 
 /// The middle of an outline's extent along an axis.

@@ -82,7 +82,8 @@ impl Instant<'_> {
 
     /// The waypoint at which the move ends in which it ends.
     fn waypoint(&self, evidence: &Evidence) -> usize {
-        evidence.executed.waypoint_at(self.step.row)
+        let times_s = &evidence.moves.times_s;
+        times_s.partition_point(|time_s| *time_s < self.step.end_s).min(times_s.len().saturating_sub(1))
     }
 
     fn place(&self, evidence: &Evidence) -> Place {

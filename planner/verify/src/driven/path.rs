@@ -43,6 +43,8 @@ pub struct PieceStep {
     /// The last row of the trajectory before its end, and before its middle.
     pub row: usize,
     pub middle_row: usize,
+    /// When it ends, s.
+    pub end_s: f64,
     /// The time that it takes, s.
     pub took_s: f64,
     /// Mean speed, mm/s.
@@ -89,6 +91,7 @@ impl DrivenPath {
             direction,
             row,
             middle_row: row,
+            end_s: 0.0,
             took_s: 0.0,
             mean_mm_s: 0.0,
             end_mm_s: 0.0,
@@ -101,7 +104,7 @@ impl DrivenPath {
             let to_mm = (points[n] - a).dot(&direction).clamp(from_mm, length_mm);
             let took_s = time_s[n] - time_s[n - 1];
             let speed_mm_s = (points[n] - points[n - 1]).norm() / took_s;
-            let way = RowWay { from_mm, to_mm, took_s, speed_mm_s, row: row + n };
+            let way = RowWay { from_mm, to_mm, from_s: time_s[n - 1], took_s, speed_mm_s, row: row + n };
             let passed = step_at(from_mm)..=step_at(to_mm);
             for (at, step) in passed.clone().zip(&mut steps[passed]) {
                 step.add(&way, [at as f64 * step_mm, (at + 1) as f64 * step_mm]);
@@ -119,6 +122,7 @@ impl DrivenPath {
 struct RowWay {
     from_mm: f64,
     to_mm: f64,
+    from_s: f64,
     took_s: f64,
     speed_mm_s: f64,
     /// The row at its end.
@@ -133,6 +137,8 @@ impl PieceStep {
         self.took_s += share * way.took_s;
         if on_mm > 0.0 {
             (self.end_mm_s, self.row) = (way.speed_mm_s, way.row - 1);
+            let gone = (way.to_mm.min(end_mm) - way.from_mm) / (way.to_mm - way.from_mm);
+            self.end_s = way.from_s + gone * way.took_s;
         }
         let middle_mm = 0.5 * (start_mm + end_mm);
         if way.from_mm <= middle_mm {
@@ -229,6 +235,7 @@ mod tests {
                 [(step.middle_row, 0.025), (step.row, 0.0)].map(|(row, mm)| executed.points[row].x + mm);
             assert!(before.iter().all(|x| (0.0..=0.4 + 1e-9).contains(&(step.center.x - x))), "{step:?}");
             assert!((step.end_mm_s - 4.0).abs() < 1e-9 && (step.took_s - 0.0125).abs() < 1e-9);
+            assert!((step.end_s - 0.25 * step.center.x).abs() < 1e-9, "{step:?}");
         }
     }
 
