@@ -121,7 +121,9 @@ impl RandomCase {
 
     /// Whether the twin is another task: the paper's cost and its presets add up over structures, and two parts count twice.
     fn twin_is_other_task(self) -> bool {
-        self.body.turn[0] % 4 == 1 && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
+        self.body.nerve[0] > 0
+            && self.body.turn[0] % 4 == 1
+            && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
     }
 
     /// Where programs disagree; empty where they agree.

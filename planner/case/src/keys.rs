@@ -312,7 +312,7 @@ table! {
         KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of a structure's importance with distance, that of α₁ too", "assumed (docs/force-model.md 10): α₁ halves with each mm";
         ALPHA_MAX = "cost.alpha_max" Share 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "docs/force-model.md 8, resolution 10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
-        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut; a move that is to remove nothing may be ten times slower where it meets a skin", "assumed (docs/force-model.md 10)";
+        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut; a move that is to remove nothing may be ten times slower where it meets a skin, or bone between voxels", "assumed (docs/force-model.md 10)";
         MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (docs/force-model.md 10)";
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;

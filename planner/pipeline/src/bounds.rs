@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::PlanError;
 use super::choose::{Choices, Chosen};
 use super::compared::{JUDGED, LEAST_N, SAME_SHARE};
-use super::path_forces::around_back;
+use super::path_forces::{TURNING, around_back};
 use super::prepared::Prepared;
 use super::reference::{Reference, StructureForces};
 use super::sampled::SampledForce;
@@ -125,7 +125,7 @@ impl Prepared<'_> {
         if hot.is_empty() {
             return Ok(BTreeMap::new());
         }
-        let sampled = SampledForce::new(case, SampledForce::AXES)?;
+        let sampled = SampledForce::within(case)?;
         let forced = self.forced();
         let swept = forced.rounded((&self.start, case), motion)?;
         let axes = self.directions.axes();
@@ -143,7 +143,10 @@ impl Prepared<'_> {
             // its axis counts in the second half of the move to it and in the first of the one from it
             let [to, from] = [i, i + 1].map(|of| {
                 let on_path = of < near.len();
-                let places = on_path.then(|| around_back(&swept, of).into_iter().chain(PLACES));
+                let turning =
+                    TURNING.into_iter().filter(|_| on_path && swept.is_rounded(of)).collect::<Vec<_>>();
+                let places =
+                    on_path.then(|| around_back(&swept, of).into_iter().chain(PLACES).chain(turning));
                 places
                     .into_iter()
                     .flatten()

@@ -2,7 +2,8 @@
 //!
 //! A row of a plan states the force where its move ends. Engagement changes within a move too, and a move may cut the skin that a
 //! rounded corner left, so forces are also computed at places within every move, those that plan to cut nothing included. Levels and
-//! caps hold at all of them. A link grazes what lies between the planning grid's voxels.
+//! caps hold at all of them. A link grazes what lies between the planning grid's voxels; a cap holds for a whole move, so such a link is
+//! slow over its length.
 
 use bonemill_case::Case;
 use bonemill_cutting::burr::{BoneAround, EngagedForce, EngagedSamples, Feed, ForceKernel, Material};
@@ -29,7 +30,7 @@ use super::speeds::JointMotion;
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
 /// Places in the middle of a corner, by how far the burr has turned there from one move's direction to the next one's, beyond 1.
-const TURNING: [f64; 3] = [1.25, 1.5, 1.75];
+pub(super) const TURNING: [f64; 3] = [1.25, 1.5, 1.75];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
@@ -37,8 +38,10 @@ const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
-/// A place within a move is looked at finely where its force is larger than this share of that at the move's end.
+/// A place within a move is looked at finely where its force is larger than this share of the move's largest that is known as finely, and
+/// at most so many for each structure and for the whole force.
 const AS_LARGE: f64 = 0.9;
+const MOST_FINE: usize = 2;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
@@ -120,8 +123,7 @@ fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {
 /// Those of some places that remove something, which stand for no share of a move.
 fn cutting(places: impl Iterator<Item = (f64, EngagedForce)>) -> impl Iterator<Item = ForceWithin> {
     let cuts = places.filter(|(_, force)| force.mrr_mm2 > 0.0);
-    // a move that is at its beginning after no way begins on its own
-    cuts.map(|(at, force)| ForceWithin { force, at: at.max(f64::MIN_POSITIVE), share: 0.0 })
+    cuts.map(|(at, force)| ForceWithin { force, at, share: 0.0 })
 }
 
 /// Where a move begins with the force where the one before it ends, it is as exact as that.
@@ -240,22 +242,27 @@ impl ForcedPath<'_> {
         let (swept, fine) = (self.rounded((start, case), motion)?, FineForce::new(case)?);
         let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
             let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
-            let end_n = ends[i].map_or(Vector3::zeros(), |end| pushes(&end));
+            let mut is_fine: Vec<bool> = places.iter().map(|place| place.at == 0.0).collect();
             let towards = near[i].iter().map(|n| n.proximity.toward.into_inner());
-            let measures = towards.map(Some).chain([None]);
-            for toward in measures {
-                let size = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
-                let largest = places
-                    .iter_mut()
-                    .max_by(|a, b| size(&pushes(&a.force)).total_cmp(&size(&pushes(&b.force))));
-                let matters = |place: &&mut ForceWithin| {
-                    place.at > 0.0 && size(&pushes(&place.force)) > AS_LARGE * size(&end_n).max(0.0)
-                };
-                let Some(place) = largest.filter(matters) else { continue };
-                let weight = |density| fine.material.weight(density);
-                let around = ((i as u32, place.at), fine.kernel.sample_radius_mm());
-                if let Some((feed, bone)) = swept.bone_within(around.0, around.1, weight) {
-                    place.force = fine.of(bone, &axis_within(axes, i, place.at), &feed);
+            for toward in towards.map(Some).chain([None]) {
+                let along = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
+                let size = |force: &EngagedForce| along(&pushes(force)).max(along(&force.edge_n));
+                for _ in 0..MOST_FINE {
+                    let known = places.iter().zip(&is_fine).filter(|(_, fine)| **fine);
+                    let known = known.map(|(place, _)| size(&place.force));
+                    let largest = known.chain(ends[i].as_ref().map(size)).fold(0.0, f64::max);
+                    let coarse = (0..places.len()).filter(|n| !is_fine[*n]);
+                    let next =
+                        coarse.max_by(|a, b| size(&places[*a].force).total_cmp(&size(&places[*b].force)));
+                    let Some(n) = next.filter(|n| size(&places[*n].force) > AS_LARGE * largest) else {
+                        break;
+                    };
+                    is_fine[n] = true;
+                    let (weight, at) = (|density| fine.material.weight(density), places[n].at);
+                    let found = swept.bone_within((i as u32, at), fine.kernel.sample_radius_mm(), weight);
+                    if let Some((feed, bone)) = found {
+                        places[n].force = fine.of(bone, &axis_within(axes, i, at), &feed);
+                    }
                 }
             }
         };
@@ -306,9 +313,9 @@ impl ForcedPath<'_> {
                 Some(sampled.of(&samples, &axis))
             };
             let found_at = |share: f64| Some((share, at(share)?));
-            let skins = around_back(&swept, i).into_iter().filter_map(found_at);
-            let turning = ends[i].filter(|_| swept.is_rounded(i)).map(|_| TURNING);
-            let corner = turning.into_iter().flatten().filter_map(found_at);
+            // at 0 is what the move before ends with
+            let skins = around_back(&swept, i).into_iter().map(|share| share.max(f64::MIN_POSITIVE));
+            let turning = Some(TURNING).filter(|_| swept.is_rounded(i)).into_iter().flatten();
             let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
             let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
             let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
@@ -332,7 +339,7 @@ impl ForcedPath<'_> {
             }
             let mut found =
                 if ends[i].is_some() { shared(places) } else { cutting(places.into_iter()).collect() };
-            found.extend(cutting(skins.chain(corner)));
+            found.extend(cutting(skins.chain(turning).filter_map(found_at)));
             found
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
@@ -355,7 +362,7 @@ mod tests {
         // per mm/s along x, and an edge force along y
         let at = |share: f64| EngagedForce {
             cut_n_per_mm_s: Vector3::x() * (0.2 + share),
-            edge_n: Vector3::y() * 0.3,
+            edge_n: Vector3::y() * share,
             mrr_mm2: 1.0,
             ..EngagedForce::ZERO
         };
@@ -366,7 +373,11 @@ mod tests {
         };
         // exact but for the first tenth, which counts as its end
         assert!((mean(|force| force.x) - 2.0 * (0.7 + 0.005)).abs() < 1e-12);
-        assert!((mean(|force| force.y) - 0.3).abs() < 1e-12);
+        // each place until the middle to the next one, by the time that has passed there
+        let until = [0.3f64, 0.7, 0.95, 1.0].map(|way| way * way);
+        let took = [until[0], until[1] - until[0], until[2] - until[1], until[3] - until[2]];
+        let edges = took[0] * 0.1 + took[1] * 0.5 + took[2] * 0.9 + took[3];
+        assert!((mean(|force| force.y) - edges).abs() < 1e-12);
         assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |way| way, |force| force.x), 2.4);
     }
 }

@@ -107,7 +107,7 @@ impl<'a> PushedMoves<'a> {
     }
 }
 
-/// The slowest that a move may be, mm/s: one that is to remove nothing is slow only where it cuts the skin that a rounded corner left.
+/// The slowest that a move may be, mm/s: one that is to remove nothing is slow only where it meets a skin, or bone between voxels.
 pub(super) fn slowest_mm_s(spec: &SpeedSpec, kind: MoveKind, removes: bool) -> f64 {
     spec.min_mm_s * if kind == MoveKind::Cut && removes { 1.0 } else { SLOWEST_SKIN }
 }
@@ -447,7 +447,7 @@ impl<'a> Cuts<'a> {
     /// Cap of a cut under levels and the case's caps on force, mm/s.
     fn cap_under(&self, levels: &Levels, i: usize) -> f64 {
         let pushes = self.input.pushes.get(i).and_then(Option::as_ref);
-        // a link is capped only where it cuts the skin that a rounded corner left
+        // a link is capped only where it meets a skin, or bone between voxels
         let levels_mm_s = match pushes {
             None if !self.moves.is_cut[i] => f64::INFINITY,
             _ => levels.fastest_mm_s(pushes),

@@ -12,8 +12,8 @@ const EVALUATIONS: u32 = 60;
 /// How exactly that time is met, as a share of it.
 const TIME_SHARE: f64 = 1e-9;
 
-/// A move that is to remove nothing may go this many times as slowly as the slowest cut: it is slow only where it cuts the skin that a
-/// rounded corner left.
+/// A move that is to remove nothing may go this many times as slowly as the slowest cut: it is slow only where it meets the skin that a
+/// rounded corner left, or bone between the grid's voxels.
 pub const SLOWEST_SKIN: f64 = 0.1;
 
 /// Moves in order, links included; one entry per move in each list.

@@ -68,8 +68,8 @@ pub const WAYPOINTS: [Column; 27] = [
         "peak_force_n",
         "N",
         "",
-        "Largest force within the move as the arm drives it, at `driven_mm_s`: at places between the waypoints too, and where the move cuts \
-         the skin that a rounded corner left. No less than the force itself.",
+        "Largest force within the move as the arm drives it, at `driven_mm_s`: at places between the waypoints too, and where the move meets \
+         the skin that a rounded corner left, or bone between voxels. No less than the force itself.",
     ),
     Column::new(
         "mean_force_n",

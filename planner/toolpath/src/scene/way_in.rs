@@ -49,9 +49,10 @@ const APART_RAD: f64 = 0.8;
 const MOST_OTHERS: usize = 2;
 /// A chosen direction's components are rounded to this.
 const ROUNDED_TO: f64 = 1e-4;
-/// A given direction is refused if it reaches less than the first share of places where another reaches at least the second; fewer places
-/// than measure the first share say nothing.
+/// A given direction is refused if it reaches less than the first share of places where another reaches at least the second; a few places
+/// say nothing.
 const FACES_BONE: [f64; 2] = [0.03, 0.5];
+const FEW: usize = 10;
 
 /// The tool as far as the way in depends on it.
 #[derive(Debug, Clone, PartialEq)]
@@ -139,10 +140,11 @@ pub(super) fn approach(
         (Some(direction), Some(way_in)) => way_in.check(direction).map(|()| (direction, None)),
         (Some(direction), None) => Ok((direction, None)),
         (None, Some(way_in)) => {
-            let chosen = way_in.best().ok_or(SceneError::NoApproach)?;
+            let mut chosen = way_in.best().ok_or(SceneError::NoApproach)?;
             // the same for a scan that is stored otherwise, whose header has single precision
             let rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
-            Ok((rounded.normalize(), Some(chosen)))
+            chosen.best.direction = rounded.normalize();
+            Ok((chosen.best.direction, Some(chosen)))
         }
         (None, None) => Err(SceneError::NoRoom { radius_mm: spec.tool.cutter_radius_mm }),
     }
@@ -353,8 +355,7 @@ impl WayIn {
         let lines = self.lines(|d| angle(d, &direction) <= self.tilt_limit_rad);
         let (_, given) = self.ranked(direction, &lines);
         let [least, most] = FACES_BONE;
-        let is_measured = self.places.len() as f64 * least >= 1.0;
-        if given.reached >= least || !is_measured {
+        if given.reached >= least || self.places.len() < FEW {
             return Ok(());
         }
         match self.best() {

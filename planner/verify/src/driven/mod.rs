@@ -34,6 +34,8 @@ const NODES: [usize; 2] = [48, 96];
 /// nodes, that the driven path lies within 0.5 µm of its rows, and that the force is computed every 0.05 mm.
 const FORCE_SHARE: f64 = 0.05;
 const FORCE_N: f64 = 0.01;
+/// A step that ends at a waypoint to this belongs to the move before it, s.
+const ROUNDING_S: f64 = 1e-9;
 
 /// The checks of the force along the driven motion.
 ///
@@ -82,12 +84,11 @@ impl Instant<'_> {
 
     /// The waypoint at which the move ends in which it ends.
     fn waypoint(&self, evidence: &Evidence) -> usize {
-        let times_s = &evidence.moves.times_s;
-        times_s.partition_point(|time_s| *time_s < self.step.end_s).min(times_s.len().saturating_sub(1))
+        evidence.moves.next_at(self.step.end_s - ROUNDING_S)
     }
 
     fn place(&self, evidence: &Evidence) -> Place {
-        evidence.instant(self.step.row)
+        Place::Instant { time_s: self.step.end_s, waypoint: self.waypoint(evidence) }
     }
 }
 
