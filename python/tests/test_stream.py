@@ -182,8 +182,8 @@ def test_the_bound_is_of_the_given_lookahead_and_gain(judged: Path) -> None:
         with Double(next(addresses), late.joints(0.0)) as double:
             report = late.run(UrLink(double.host, late.period_s, late.settings), Yes())
             lag_s = double.get("lag_s")
-        assert lag_s == pytest.approx(0.058)
         if report.reason is None:
+            assert lag_s == pytest.approx(0.058)
             return
         assert STALL in report.reason or "program on the controller" in report.reason, report
     pytest.fail("no run came to its end")
