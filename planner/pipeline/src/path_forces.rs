@@ -38,10 +38,9 @@ const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
-/// A place within a move is looked at finely where its force is larger than this share of the move's largest that is known as finely, and
-/// at most so many for each structure and for the whole force.
+/// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
+/// known as finely.
 const AS_LARGE: f64 = 0.9;
-const MOST_FINE: usize = 2;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
@@ -247,16 +246,12 @@ impl ForcedPath<'_> {
             for toward in towards.map(Some).chain([None]) {
                 let along = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
                 let size = |force: &EngagedForce| along(&pushes(force)).max(along(&force.edge_n));
-                for _ in 0..MOST_FINE {
-                    let known = places.iter().zip(&is_fine).filter(|(_, fine)| **fine);
-                    let known = known.map(|(place, _)| size(&place.force));
-                    let largest = known.chain(ends[i].as_ref().map(size)).fold(0.0, f64::max);
-                    let coarse = (0..places.len()).filter(|n| !is_fine[*n]);
-                    let next =
-                        coarse.max_by(|a, b| size(&places[*a].force).total_cmp(&size(&places[*b].force)));
-                    let Some(n) = next.filter(|n| size(&places[*n].force) > AS_LARGE * largest) else {
-                        break;
-                    };
+                let known = places.iter().zip(&is_fine).filter(|(_, fine)| **fine);
+                let known = known.map(|(place, _)| size(&place.force));
+                let largest = known.chain(ends[i].as_ref().map(size)).fold(0.0, f64::max);
+                let coarse = (0..places.len()).filter(|n| !is_fine[*n]);
+                let next = coarse.max_by(|a, b| size(&places[*a].force).total_cmp(&size(&places[*b].force)));
+                if let Some(n) = next.filter(|n| size(&places[*n].force) > AS_LARGE * largest) {
                     is_fine[n] = true;
                     let (weight, at) = (|density| fine.material.weight(density), places[n].at);
                     let found = swept.bone_within((i as u32, at), fine.kernel.sample_radius_mm(), weight);
