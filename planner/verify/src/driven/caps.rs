@@ -39,7 +39,7 @@ pub fn checks(evidence: &Evidence, force: &DrivenForce) -> Result<Vec<Check>, Ve
         let omega = 2.0 * PI * case.burr.spindle_rpm / 60.0;
         // N mm/s are mW
         let found =
-            force.largest(|instant| Some(1e-3 * omega * instant.engaged.torque_nmm(instant.step.end_mm_s)));
+            force.largest(|instant| Some(1e-3 * omega * instant.end.torque_nmm(instant.step.end_mm_s)));
         checks.push(check("speed.power_w", most_w, "W", 0.0, found));
     }
     Ok(checks)

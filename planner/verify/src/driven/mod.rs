@@ -63,18 +63,20 @@ struct Instant<'a> {
     /// Its index among the instants.
     index: usize,
     step: &'a PieceStep,
-    engaged: Engaged,
+    /// What is engaged at the step's end, and in the mean of its start and its end.
+    end: Engaged,
+    mean: Engaged,
 }
 
 impl Instant<'_> {
     /// The force at the step's end, N in work.
     fn end_n(&self) -> Vector3<f64> {
-        self.engaged.force_n(self.step.end_mm_s)
+        self.end.force_n(self.step.end_mm_s)
     }
 
     /// The mean force over the step's time, N in work.
     fn mean_n(&self) -> Vector3<f64> {
-        self.engaged.force_n(self.step.mean_mm_s)
+        self.mean.force_n(self.step.mean_mm_s)
     }
 
     /// The burr's centre.
@@ -118,16 +120,22 @@ impl<'a> DrivenForce<'a> {
         let covered = Covered::new(&path.pieces, burr.radius_mm, sum.patch_mm(), space);
         let at = |step: &'a PieceStep| {
             cancel::poll();
-            let engaged = sum.engaged(&axes[step.row], &step.direction, step.end_mm_s, |normal, patch| {
+            sum.engaged(&axes[step.row], &step.direction, step.end_mm_s, |normal, patch| {
                 let p = step.center + normal * burr.radius_mm;
                 let share = covered.share_left(step.piece, &p, |direction| patch.sides_mm(direction));
                 if share > 0.0 { share * sum.weight(density_g_cm3(Point::from_coords(p))) } else { 0.0 }
-            });
-            (!engaged.is_none()).then_some((step, engaged))
+            })
         };
-        let found: Vec<_> = path.steps.par_iter().filter_map(at).collect();
-        let instant = |(index, (step, engaged))| Instant { index, step, engaged };
-        Self { instants: found.into_iter().enumerate().map(instant).collect() }
+        let ends: Vec<Engaged> = path.steps.par_iter().map(at).collect();
+        let found = path.steps.iter().enumerate().filter_map(|(n, step)| {
+            // a piece begins with the direction in which it goes on
+            let is_same = |before: &usize| path.steps[*before].piece == step.piece;
+            let start = n.checked_sub(1).filter(is_same).unwrap_or(n);
+            let mean = ends[start].mean_with(&ends[n]);
+            (!mean.is_none()).then_some((step, ends[n], mean))
+        });
+        let instant = |(index, (step, end, mean))| Instant { index, step, end, mean };
+        Self { instants: found.enumerate().map(instant).collect() }
     }
 
     /// The instant with the largest value, and the value; the first of several.

@@ -66,6 +66,16 @@ impl Engaged {
         if speed_mm_s > 0.0 { self.cut_nmm_per_mm_s * speed_mm_s + self.edge_nmm } else { 0.0 }
     }
 
+    /// The mean of two.
+    pub fn mean_with(&self, other: &Self) -> Self {
+        Self {
+            cut_n_per_mm_s: 0.5 * (self.cut_n_per_mm_s + other.cut_n_per_mm_s),
+            edge_n: 0.5 * (self.edge_n + other.edge_n),
+            cut_nmm_per_mm_s: 0.5 * (self.cut_nmm_per_mm_s + other.cut_nmm_per_mm_s),
+            edge_nmm: 0.5 * (self.edge_nmm + other.edge_nmm),
+        }
+    }
+
     /// Whether nothing is cut.
     pub fn is_none(&self) -> bool {
         self.cut_n_per_mm_s == Vector3::zeros() && self.edge_n == Vector3::zeros()

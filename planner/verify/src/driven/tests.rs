@@ -73,7 +73,7 @@ fn a_slot_through_bone_is_the_closed_form_all_the_way() {
     torques(&[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [8.0, 0.3, 0.0]], |path, force| {
         assert_eq!(force.instants.len(), path.steps.len());
         for instant in &force.instants {
-            let off = instant.engaged.torque_nmm(1.0) / FULL - 1.0;
+            let off = instant.end.torque_nmm(1.0) / FULL - 1.0;
             assert!(off.abs() < 0.01, "{off} at {}", instant.step.center);
         }
     });
@@ -83,7 +83,7 @@ fn a_slot_through_bone_is_the_closed_form_all_the_way() {
 fn the_same_way_again_cuts_nothing() {
     torques(&[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 0.0, 0.0]], |path, force| {
         let back = |instant: &&Instant| instant.step.direction.x < 0.0;
-        let most = force.instants.iter().filter(back).map(|i| i.engaged.torque_nmm(1.0)).fold(0.0, f64::max);
+        let most = force.instants.iter().filter(back).map(|i| i.end.torque_nmm(1.0)).fold(0.0, f64::max);
         assert!(most < 1e-3 * FULL && path.steps.len() > 150, "{most}");
     });
 }
@@ -99,8 +99,8 @@ fn the_skin_at_a_rounded_corner_gives_force_however_thin_it_is() {
                 .instants
                 .iter()
                 .filter(|i| i.step.direction.z < -0.99 && i.step.piece == end.piece && i.step.center.z > 0.1);
-            let before = before.map(|i| i.engaged.torque_nmm(1.0)).fold(0.0, f64::max);
-            found.set((last.map_or(0.0, |i| i.engaged.torque_nmm(1.0)), before));
+            let before = before.map(|i| i.end.torque_nmm(1.0)).fold(0.0, f64::max);
+            found.set((last.map_or(0.0, |i| i.end.torque_nmm(1.0)), before));
         });
         found.get()
     };
@@ -112,4 +112,19 @@ fn the_skin_at_a_rounded_corner_gives_force_however_thin_it_is() {
     }
     let (end, _) = at_the_end(0.0);
     assert!(end < 0.02 * FULL, "{end} of {FULL}");
+}
+
+#[test]
+fn the_mean_over_a_plunge_is_that_of_the_volume_that_it_removes() {
+    let depth_mm = 0.3;
+    let (executed, time_s) = rows(&[[0.0, 0.0, RADIUS_MM], [0.0, 0.0, RADIUS_MM - depth_mm]]);
+    let path = DrivenPath::new(&executed, &time_s);
+    let space = swept_box(&path, [Vector3::repeat(-50.0), Vector3::repeat(50.0)], RADIUS_MM);
+    let in_bone = |p: Point<Work>| f64::from(u8::from(p.z() < 0.0));
+    let force = DrivenForce::along(&path, &executed.axes, (&sum(), &burr()), space, in_bone);
+    let way = |i: &Instant| i.step.took_s * i.step.mean_mm_s;
+    let mean_mm: f64 = force.instants.iter().map(|i| way(i) * i.mean.torque_nmm(1.0) / FULL).sum();
+    // a cap of the ball over its cross-section
+    let cap_mm = depth_mm.powi(2) * (RADIUS_MM - depth_mm / 3.0) / RADIUS_MM.powi(2);
+    assert!(path.steps.len() < 8 && (mean_mm / cap_mm - 1.0).abs() < 0.06, "{mean_mm}, {cap_mm}");
 }
