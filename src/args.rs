@@ -168,8 +168,8 @@ pub enum PartKind {
 
 #[derive(Debug, clap::Args)]
 pub struct StockArgs {
-    /// The catalogue, an SQLite database
-    #[arg(long, global = true, value_name = "STOCK.sqlite", default_value = "stock.sqlite")]
+    /// The catalogue, a TOML file
+    #[arg(long, global = true, value_name = "STOCK.toml", default_value = "stock.toml")]
     pub catalogue: PathBuf,
     #[command(subcommand)]
     pub command: StockCommand,

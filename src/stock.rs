@@ -9,7 +9,7 @@ pub fn run(args: &StockArgs) -> anyhow::Result<Outcome> {
     let path = &args.catalogue;
     let blocks = match &args.command {
         StockCommand::Add { id, size_mm, count } => {
-            let mut stock = Catalogue::open_or_create(path)?;
+            let stock = Catalogue::open_or_create(path)?;
             let [a, b, c] = size_mm.as_slice() else { anyhow::bail!("--size-mm needs three sides") };
             stock.add(id, [*a, *b, *c], *count)?;
             stock.list()?

@@ -30,7 +30,7 @@ fn folder() -> tempfile::TempDir {
     shape.thickness_mm = 4.0;
     let job = phantom::write(folder.path(), &shape, 1200).unwrap();
     let text = fs::read_to_string(&job).unwrap();
-    let more = "[stock]\ncatalogue = \"stock.sqlite\"\n[tool]\ndiameter_mm = 4\nkind = \"ball\"\n[process]\nfinishing_step_mm = 0.3\n";
+    let more = "[stock]\ncatalogue = \"stock.toml\"\n[tool]\ndiameter_mm = 4\nkind = \"ball\"\n[process]\nfinishing_step_mm = 0.3\n";
     fs::write(&job, text + more).unwrap();
     let added = bonemill(folder.path(), "stock add B1 --size-mm 40 15 50 --count 1");
     assert!(added.status.success(), "{}", said(&added));
@@ -144,7 +144,7 @@ fn box_folder() -> tempfile::TempDir {
     let facets: String =
         faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).map(facet).collect();
     fs::write(folder.path().join("box.stl"), format!("solid box\n{facets}endsolid box\n")).unwrap();
-    let job = "[part]\nstl = \"box.stl\"\nunit = \"mm\"\n[orient]\nmode = \"none\"\n[stock]\ncatalogue = \"stock.sqlite\"\n\
+    let job = "[part]\nstl = \"box.stl\"\nunit = \"mm\"\n[orient]\nmode = \"none\"\n[stock]\ncatalogue = \"stock.toml\"\n\
         [tool]\ndiameter_mm = 3\n[process]\nfinishing_step_mm = 0.3\n[machine]\nmax_time_min = 60\n";
     fs::write(folder.path().join("job.toml"), job).unwrap();
     let added = bonemill(folder.path(), "stock add B1 --size-mm 24 10 42 --count 1");

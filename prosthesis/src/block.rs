@@ -78,7 +78,7 @@ fn from_catalogue(
     needed_mm: [f64; 3],
     replaces: Option<&str>,
 ) -> Result<(Option<Lease>, Vec<StockBlock>), CatalogueError> {
-    let mut stock = Catalogue::open(path)?;
+    let stock = Catalogue::open(path)?;
     let lease = stock.lease_smallest(needed_mm, replaces)?;
     Ok((lease, stock.list()?))
 }

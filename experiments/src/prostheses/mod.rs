@@ -117,9 +117,9 @@ impl Tables {
         let job_path = phantom::write(folder.path(), shape, FACETS).map_err(ProsthesisError::from)?;
         let text = std::fs::read_to_string(&job_path).map_err(ExperimentError::Folder)?;
         let mut job = ProsthesisJob::parse(&text, &job_path)?;
-        let stock = folder.path().join("stock.sqlite");
+        let stock = folder.path().join("stock.toml");
         let refuse = |source: CatalogueError| ProsthesisError::Catalogue { path: stock.clone(), source };
-        let mut catalogue = Catalogue::open_or_create(&stock).map_err(refuse)?;
+        let catalogue = Catalogue::open_or_create(&stock).map_err(refuse)?;
         for (id, size_mm) in BLOCKS {
             catalogue.add(id, size_mm, 1).map_err(refuse)?;
         }

@@ -1,5 +1,6 @@
 //! What can go wrong with a catalogue of blocks.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
@@ -14,10 +15,12 @@ pub enum CatalogueError {
         path: PathBuf,
     },
     /// A file, but no catalogue.
-    #[error("{} is no catalogue of blocks; expected a database made by `bonemill stock add`", path.display())]
+    #[error("{} is no catalogue of blocks ({why}); expected a TOML file made by `bonemill stock add`", path.display())]
     Foreign {
         /// The file.
         path: PathBuf,
+        /// What is wrong with it.
+        why: String,
     },
     /// A number that cannot be one.
     #[error("{id:?} is no block's number; expected text without commas, quotes and control characters")]
@@ -67,13 +70,13 @@ pub enum CatalogueError {
         /// The block.
         id: String,
     },
-    /// The file that says whose a block is cannot be made or locked.
-    #[error("{}: it cannot be made or locked", path.display())]
-    Lease {
+    /// A file of the catalogue cannot be made, locked, read or written.
+    #[error("{}: it cannot be made, locked, read or written", path.display())]
+    File {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// Another program holds the catalogue.
     #[error("the catalogue {} has been locked by another program for {} s: try again when that has ended", path.display(), crate::catalogue::WAIT.as_secs())]
@@ -81,39 +84,11 @@ pub enum CatalogueError {
         /// The catalogue.
         path: PathBuf,
     },
-    /// The database refused.
-    #[error("the catalogue {} cannot be read or changed", path.display())]
-    Database {
-        /// The catalogue.
-        path: PathBuf,
-        /// Why.
-        source: rusqlite::Error,
-    },
 }
 
 impl CatalogueError {
-    /// What a refusal of the database at a path means.
-    pub(crate) fn of_database(path: &Path, source: rusqlite::Error) -> Self {
-        use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked, NotADatabase};
-        let path = path.to_path_buf();
-        match source.sqlite_error_code() {
-            Some(NotADatabase) => Self::Foreign { path },
-            Some(DatabaseBusy | DatabaseLocked) => Self::Locked { path },
-            _ => Self::Database { path, source },
-        }
-    }
-
-    /// The same with the catalogue's path, where a change met the database itself.
-    pub(crate) fn at(self, path: &Path) -> Self {
-        match self {
-            Self::Database { source, .. } => Self::of_database(path, source),
-            other => other,
-        }
-    }
-}
-
-impl From<rusqlite::Error> for CatalogueError {
-    fn from(source: rusqlite::Error) -> Self {
-        Self::Database { path: PathBuf::new(), source }
+    /// What became of a file.
+    pub(super) fn of_file(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
+        move |source| Self::File { path: path.into(), source }
     }
 }

@@ -1,15 +1,13 @@
 //! A block that a plan holds until it is kept: it goes back however the program ends.
 //!
 //! The catalogue remembers every lease, and its holder locks a file beside the catalogue, `NAME.lease-N`. The operating system gives the lock up when the holder
-//! ends, be it killed: whoever takes or gives a block next finds the lock free and puts that block back. A lock holds across stations
-//! where the file system's locks do.
+//! ends, be it killed: whoever changes the catalogue next finds the lock free and puts that block back.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::path::{Path, PathBuf};
 
-use rusqlite::{Transaction, params};
-
-use crate::catalogue::{Catalogue, CatalogueError, Mounted};
+use super::stock::{LeaseEntry, Stock};
+use super::{Catalogue, CatalogueError, Mounted, beside};
 
 /// A block out of the catalogue; it goes back when dropped, unless kept.
 #[derive(Debug)]
@@ -17,7 +15,7 @@ pub struct Lease {
     /// Which block, and how it is mounted.
     pub mounted: Mounted,
     path: PathBuf,
-    row: i64,
+    number: u64,
     /// The kind that goes back when this one is kept.
     replaces: Option<String>,
     /// Locked as long as the lease lasts.
@@ -25,36 +23,37 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// Leases a block that is there, inside a transaction.
-    pub(crate) fn begin(
-        t: &Transaction<'_>,
+    /// Leases a block that is there, as a part of a change.
+    pub(super) fn begin(
+        stock: &mut Stock,
         path: &Path,
         mounted: Mounted,
         replaces: Option<&str>,
     ) -> Result<Self, CatalogueError> {
+        let number = stock.next_lease;
+        let held = lock_path(path, number);
+        let file = OpenOptions::new().create(true).append(true).open(&held);
+        let file =
+            file.and_then(|file| file.lock().map(|()| file)).map_err(CatalogueError::of_file(&held))?;
         // a block that stands for itself is out already
-        let taken = replaces != Some(mounted.id.as_str());
-        if taken {
-            crate::catalogue::take(t, &mounted.id)?;
+        let taken = (replaces != Some(mounted.id.as_str())).then(|| mounted.id.clone());
+        if let Some(id) = &taken {
+            stock.take(id)?;
         }
-        t.execute("INSERT INTO lease (block) VALUES (?1)", params![taken.then_some(&mounted.id)])?;
-        let row = t.last_insert_rowid();
-        let lock = lock_path(path, row);
-        let io = |source| CatalogueError::Lease { path: lock.clone(), source };
-        let file = OpenOptions::new().create(true).append(true).open(&lock).map_err(io)?;
-        file.lock().map_err(io)?;
-        Ok(Self { mounted, path: path.into(), row, replaces: replaces.map(Into::into), _lock: file })
+        stock.leases.push(LeaseEntry { number, block: taken });
+        stock.next_lease += 1;
+        Ok(Self { mounted, path: path.into(), number, replaces: replaces.map(Into::into), _lock: file })
     }
 
     /// The block is used: it does not go back, but the one that it replaces does.
     ///
     /// # Errors
-    /// As [`Catalogue::take`].
+    /// As [`Catalogue::put_back`].
     pub fn keep(self) -> Result<(), CatalogueError> {
-        Catalogue::open(&self.path)?.change(|t| {
-            t.execute("DELETE FROM lease WHERE id = ?1", [self.row])?;
+        Catalogue::open(&self.path)?.change(|stock| {
+            stock.leases.retain(|lease| lease.number != self.number);
             match self.replaces.as_ref().filter(|id| **id != self.mounted.id) {
-                Some(id) => crate::catalogue::put_back(t, id),
+                Some(id) => stock.put_back(id).map(|_| ()),
                 None => Ok(()),
             }
         })
@@ -65,38 +64,33 @@ impl Lease {
 impl Drop for Lease {
     fn drop(&mut self) {
         // a catalogue that cannot be reached now is put right by the next one that reaches it
-        let _ =
-            Catalogue::open(&self.path).and_then(|mut stock| stock.change(|t| end(t, &self.path, self.row)));
+        let _ = Catalogue::open(&self.path).and_then(|catalogue| {
+            catalogue.change(|stock| {
+                end(stock, &self.path, self.number);
+                Ok(())
+            })
+        });
     }
 }
 
 /// Ends the leases whose holders have ended.
-pub(crate) fn sweep(t: &Transaction<'_>, path: &Path) -> Result<(), CatalogueError> {
-    let mut statement = t.prepare("SELECT id FROM lease")?;
-    let rows: Vec<i64> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
-    for row in rows {
-        let is_held = File::open(lock_path(path, row)).is_ok_and(|file| file.try_lock().is_err());
-        if !is_held {
-            end(t, path, row)?;
-        }
+pub(super) fn sweep(stock: &mut Stock, path: &Path) {
+    let is_held =
+        |number: u64| File::open(lock_path(path, number)).is_ok_and(|file| file.try_lock().is_err());
+    let ended: Vec<u64> = stock.leases.iter().map(|lease| lease.number).filter(|n| !is_held(*n)).collect();
+    ended.into_iter().for_each(|number| end(stock, path, number));
+}
+
+/// Ends a lease, if it is there: its block goes back, unless its kind has been removed.
+fn end(stock: &mut Stock, path: &Path, number: u64) {
+    if let Some(place) = stock.leases.iter().position(|lease| lease.number == number) {
+        let block = stock.leases.remove(place).block;
+        let _ = block.map(|id| stock.put_back(&id));
     }
-    Ok(())
+    // without its entry the file means nothing
+    let _ = fs::remove_file(lock_path(path, number));
 }
 
-/// Ends a lease, if it is there: its block goes back.
-fn end(t: &Transaction<'_>, path: &Path, row: i64) -> Result<(), CatalogueError> {
-    t.execute(
-        "UPDATE block SET count = count + 1 WHERE id = (SELECT block FROM lease WHERE id = ?1)",
-        [row],
-    )?;
-    t.execute("DELETE FROM lease WHERE id = ?1", [row])?;
-    // without its row the file means nothing
-    let _ = std::fs::remove_file(lock_path(path, row));
-    Ok(())
-}
-
-fn lock_path(path: &Path, row: i64) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(format!(".lease-{row}"));
-    name.into()
+fn lock_path(path: &Path, number: u64) -> PathBuf {
+    beside(path, &format!("lease-{number}"))
 }

@@ -1,5 +1,6 @@
 //! The catalogue of blocks: adding, taking and returning them, the choice of the smallest, refusals, and several stations at once.
 
+use super::stock::LeaseEntry;
 use super::*;
 
 fn text<T: std::fmt::Debug>(result: Result<T, CatalogueError>) -> String {
@@ -9,14 +10,14 @@ fn text<T: std::fmt::Debug>(result: Result<T, CatalogueError>) -> String {
 #[test]
 fn what_is_added_is_listed_taken_and_put_back() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("stock.sqlite");
+    let path = dir.path().join("stock.toml");
     assert!(text(Catalogue::open(&path)).contains("there is no catalogue"));
-    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    let stock = Catalogue::open_or_create(&path).unwrap();
     stock.add("B2", [60.0, 25.0, 55.0], 1).unwrap();
     stock.add("B1", [80.0, 30.0, 70.0], 2).unwrap();
     stock.add("B1", [80.0, 30.0, 70.0], 1).unwrap();
     drop(stock);
-    let mut stock = Catalogue::open(&path).unwrap();
+    let stock = Catalogue::open(&path).unwrap();
     let kinds: Vec<_> = stock.list().unwrap().into_iter().map(|b| (b.id, b.count)).collect();
     assert_eq!(kinds, [("B1".to_owned(), 3), ("B2".to_owned(), 1)]);
     assert_eq!(stock.take("B2").unwrap().count, 0);
@@ -28,7 +29,8 @@ fn what_is_added_is_listed_taken_and_put_back() {
 
 #[test]
 fn what_makes_no_sense_is_refused() {
-    let mut stock = Catalogue::in_memory().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let stock = Catalogue::open_or_create(&dir.path().join("stock.toml")).unwrap();
     stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
     assert!(text(stock.add("B1", [60.0, 25.0, 50.0], 1)).contains("give the new kind a number of its own"));
     assert!(text(stock.add("B2", [60.0, 0.0, 50.0], 1)).contains("a side of 0 mm"));
@@ -50,8 +52,8 @@ fn what_makes_no_sense_is_refused() {
 #[test]
 fn a_lease_ends_however_its_holder_does() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("stock.sqlite");
-    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    let path = dir.path().join("stock.toml");
+    let stock = Catalogue::open_or_create(&path).unwrap();
     stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
     stock.add("B2", [80.0, 30.0, 70.0], 1).unwrap();
     let counts =
@@ -66,7 +68,8 @@ fn a_lease_ends_however_its_holder_does() {
     drop(other);
     assert_eq!(counts(), [0, 1]);
     lease.keep().unwrap();
-    assert_eq!((counts(), files()), (vec![0, 1], 1));
+    // the catalogue and its lock
+    assert_eq!((counts(), files()), (vec![0, 1], 2));
     // the plan that is replaced holds its block: it may have it again, or give it back for another
     let again = stock.lease_smallest(needed_mm, Some("B1")).unwrap().unwrap();
     assert_eq!((again.mounted.id.as_str(), counts()), ("B1", vec![0, 1]));
@@ -78,24 +81,22 @@ fn a_lease_ends_however_its_holder_does() {
     assert_eq!((larger.mounted.id.as_str(), counts()), ("B2", vec![0, 0]));
     larger.keep().unwrap();
     assert_eq!(counts(), [1, 0]);
-    // a holder that was killed: its row is there, its lock is not
-    stock
-        .change(|t| {
-            Ok(t.execute_batch(
-                "UPDATE block SET count = 0 WHERE id = 'B1'; INSERT INTO lease (block) VALUES ('B1')",
-            )?)
-        })
-        .unwrap();
+    // a holder that was killed: its entry is there, its lock is not
+    let held = |stock: &mut Stock| {
+        stock.leases.push(LeaseEntry { number: 77, block: Some("B1".into()) });
+        stock.take("B1")
+    };
+    stock.change(held).unwrap();
     assert_eq!(counts(), [0, 0]);
     stock.put_back("B2").unwrap();
-    assert_eq!((counts(), files()), (vec![1, 1], 1));
+    assert_eq!((counts(), files()), (vec![1, 1], 2));
 }
 
 #[test]
 fn a_catalogue_is_listed_while_another_station_changes_it_and_a_corrupted_one_is_named() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("stock.sqlite");
-    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    let path = dir.path().join("stock.toml");
+    let stock = Catalogue::open_or_create(&path).unwrap();
     stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
     stock
         .change(|_| {
@@ -104,11 +105,31 @@ fn a_catalogue_is_listed_while_another_station_changes_it_and_a_corrupted_one_is
         })
         .unwrap();
     drop(stock);
-    let mut bytes = std::fs::read(&path).unwrap();
-    bytes[4096..].fill(0xAA);
-    std::fs::write(&path, bytes).unwrap();
-    let said = text(Catalogue::open(&path).unwrap().list());
-    assert!(said.contains("stock.sqlite cannot be read or changed"), "{said}");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let with = |from: &str, to: &str| {
+        assert!(text.contains(from), "{text}");
+        std::fs::write(&path, text.replace(from, to)).unwrap();
+        let Err(said) = Catalogue::open(&path) else { panic!("{to}") };
+        said.to_string()
+    };
+    for (from, to, says) in [
+        ("count = 1", "count = -1", "line 8: invalid value: integer `-1`, expected u32"),
+        ("count = 1", "number = 1", "line 8: unknown field `number`"),
+        ("60.0", "0.5", "block B1: a side of 0.5 mm; expected 1 to 1000 mm"),
+        ("60.0", "nan", "block B1: a side of NaN mm"),
+        ("version = 1", "version = 2", "its version is 2, expected 1"),
+        ("[[block]]", "[[block]", "line 5: "),
+        (
+            "[[block]]",
+            "[[block]]\nid = \"B1\"\nsize_mm = [9, 9, 9]\ncount = 1\n[[block]]",
+            "after block \"B1\"",
+        ),
+    ] {
+        let said = with(from, to);
+        assert!(said.contains("stock.toml is no catalogue of blocks") && said.contains(says), "{to}: {said}");
+    }
+    std::fs::write(&path, [0xFF; 64]).unwrap();
+    assert!(self::text(Catalogue::open(&path)).contains("it is no text"));
 }
 
 #[test]
@@ -121,14 +142,14 @@ fn a_file_of_somebody_else_is_left_alone() {
     assert!(text(Catalogue::open_or_create(&path)).contains("is no catalogue of blocks"));
     assert_eq!(std::fs::read(&path).unwrap(), before);
     // nor is one that lost its bytes a new one
-    let empty = dir.path().join("empty.sqlite");
+    let empty = dir.path().join("empty.toml");
     std::fs::write(&empty, "").unwrap();
     for opened in [Catalogue::open(&empty), Catalogue::open_or_create(&empty)] {
-        assert!(text(opened).contains("empty.sqlite is no catalogue of blocks"));
+        assert!(text(opened).contains("empty.toml is no catalogue of blocks"));
     }
     assert_eq!(std::fs::read(&empty).unwrap(), b"");
-    let other = dir.path().join("other.sqlite");
-    rusqlite::Connection::open(&other).unwrap().execute_batch("CREATE TABLE mine (x)").unwrap();
+    let other = dir.path().join("other.toml");
+    std::fs::write(&other, "[mine]\nx = 1\n").unwrap();
     assert!(text(Catalogue::open_or_create(&other)).contains("is no catalogue of blocks"));
 }
 
@@ -151,12 +172,12 @@ fn the_smallest_block_that_holds_the_box_is_chosen_and_turned_to_fit() {
 #[test]
 fn of_many_stations_that_want_the_last_blocks_each_gets_its_own() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("stock.sqlite");
+    let path = dir.path().join("stock.toml");
     Catalogue::open_or_create(&path).unwrap().add("B1", [60.0, 25.0, 55.0], 5).unwrap();
     let station = |n: usize| {
         let path = path.clone();
         std::thread::spawn(move || {
-            let mut stock = Catalogue::open(&path).unwrap();
+            let stock = Catalogue::open(&path).unwrap();
             if n.is_multiple_of(2) {
                 stock.take("B1").is_ok()
             } else {

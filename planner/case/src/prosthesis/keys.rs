@@ -58,7 +58,7 @@ table! {
     }
     others {
         STL = "part.stl" "the path of a .stl, .obj or .ply file, relative to the job file", REQUIRED, "the part", "-";
-        CATALOGUE = "stock.catalogue" "the path of an SQLite database made by `bonemill stock`", "none: stock.blocks", "the blocks in stock; the chosen one is taken out of it", "C section 3";
+        CATALOGUE = "stock.catalogue" "the path of a TOML file made by `bonemill stock`", "none: stock.blocks", "the blocks in stock; the chosen one is taken out of it", "C section 3";
         BLOCKS = "stock.blocks" "tables { id, size_mm, count }", "S 50×25×60, M 65×30×75, L 90×45×100 mm, one each", "blocks, where there is no catalogue", ASSUMED;
         BLOCK_ID = "stock.blocks.id" "text without commas and quotes", REQUIRED, "the block's number", "-";
     }

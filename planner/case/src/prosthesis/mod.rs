@@ -68,7 +68,7 @@ pub struct BlockSpec {
 /// Where blocks come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BlockSource {
-    /// An SQLite database, relative to the job file.
+    /// A TOML file, relative to the job file.
     Catalogue(PathBuf),
     /// A list in the job.
     Blocks(Vec<BlockSpec>),

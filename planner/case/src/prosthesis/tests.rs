@@ -32,7 +32,7 @@ fn a_resolved_job_reads_back_equal() {
         [tool]\nkind = \"bull\"\ndiameter_mm = 4\ncorner_radius_mm = 0.5\nholder = [[10, 5], [20, 12]]\n\
         [process]\nstrip_mm = 1.1\nsense = \"conventional\"\n[machine]\nkind = \"ur5e\"\ndialect = \"haas\"\non_flange = \"part\"\nrotary_deg_s = 33.3\nmax_time_min = 45\n";
     let with_catalogue =
-        "[part]\nstl = \"a.stl\"\n[stock]\ncatalogue = \"stock.sqlite\"\n[tool]\nkind = \"ball\"\n";
+        "[part]\nstl = \"a.stl\"\n[stock]\ncatalogue = \"stock.toml\"\n[tool]\nkind = \"ball\"\n";
     for text in [LEAST, full, with_catalogue] {
         let job = parse(text).unwrap();
         let again = parse(&job.to_toml()).unwrap();
@@ -65,7 +65,7 @@ fn every_fault_is_told_with_its_line() {
         assert!(said.contains(expected), "{expected}\nin\n{said}");
     }
     assert!(refusal("[orient]\n").contains("`part.stl` is missing"));
-    let both = "[part]\nstl = \"a.stl\"\n[stock]\ncatalogue = \"s.sqlite\"\nblocks = []\n";
+    let both = "[part]\nstl = \"a.stl\"\n[stock]\ncatalogue = \"s.toml\"\nblocks = []\n";
     assert!(refusal(both).contains("job.toml:4: `stock.catalogue` cannot hold: stock.blocks is given too"));
     let flange = "[part]\nstl = \"a.stl\"\n[machine]\non_flange = \"part\"\n";
     assert!(
