@@ -90,7 +90,7 @@ impl Bounds {
     /// The largest share of a bound on peaks that one force reaches.
     fn of_peaks(&self, force_n: &Vector3<f64>, near: &[&NearStructure]) -> f64 {
         let bound_n = |n: &NearStructure| self.near_n[n.structure][JUDGED.len() - 1];
-        let toward = near.iter().map(|n| force_n.dot(&n.proximity.toward) / bound_n(n));
+        let toward = near.iter().map(|n| n.most(force_n) / bound_n(n));
         toward.fold(force_n.norm() / self.peak_n.max(LEAST_N), f64::max)
     }
 }
@@ -178,7 +178,7 @@ impl Prepared<'_> {
         let slower: Vec<f64> = (0..bounds.near_n.len()).map(|n| bounds.slower(forces, n)).collect();
         let cap = |i: usize| {
             let pushed = |n: &&NearStructure| {
-                chosen.forces_of(i).any(|force| force.force_n(speed_mm_s[i]).dot(&n.proximity.toward) > 0.0)
+                chosen.forces_of(i).any(|force| n.most(&force.force_n(speed_mm_s[i])) > 0.0)
             };
             let near = self.close_by(i);
             let times = near.iter().filter(|n| pushed(n)).map(|n| slower[n.structure]).fold(1.0, f64::min);

@@ -56,14 +56,15 @@ pub(super) fn weight(importance: &Importance, case: &Case, n: &NearStructure) ->
     importance.weight(&n.proximity, case.rank(n.structure))
 }
 
-/// The weights of the structures near each waypoint, with the directions to them.
+/// The weights of the structures near each waypoint, with the directions to them, in the order of [`NearStructure::in_both_directions`].
 ///
 /// # Errors
 /// As [`importance`].
 pub(super) fn weighted(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Vec<Weighted>>, ModelError> {
     let law = importance(case)?;
     let of = |n: &NearStructure| (weight(&law, case, n), n.proximity.toward);
-    Ok(near.iter().map(|near| near.iter().map(of).collect()).collect())
+    let both = |near: &Vec<NearStructure>| NearStructure::in_both_directions(near).iter().map(of).collect();
+    Ok(near.iter().map(both).collect())
 }
 
 /// What pushes the burr at every waypoint where it cuts.
@@ -137,7 +138,8 @@ impl SpeedLevels {
             let (toward_n, overall) = (toward.map_or(0.0, |(push, _)| push), pushes.overall(*speed));
             found.toward = found.toward.max(toward_n.min(levels.toward));
             found.overall = found.overall.max(overall.min(levels.overall));
-            let structure = toward.and_then(|(_, n)| near.get(waypoint)?.get(n)).map(|n| n.structure);
+            let both = || NearStructure::in_both_directions(&near[waypoint]);
+            let structure = toward.map(|(_, n)| both()[n].structure);
             let beyond = |push: f64, level: f64| (push > level * (1.0 + ROUNDING)).then_some(push - level);
             let toward = beyond(toward_n, levels.toward).map(|by| Exceeded { waypoint, by, structure });
             let overall =
@@ -189,10 +191,8 @@ mod tests {
 
     #[test]
     fn cuts_beyond_the_levels_are_counted_and_the_worst_toward_a_structure_is_named() {
-        let near = |structure| NearStructure {
-            structure,
-            proximity: Proximity::new(Vector3::x() * 4.0, 3.5).unwrap(),
-        };
+        let near =
+            |structure| NearStructure::new(structure, Proximity::new(Vector3::x() * 4.0, 3.5).unwrap());
         let push = |x: f64, y: f64| {
             let force = EngagedForce { cut_n_per_mm_s: Vector3::new(x, y, 0.0), ..EngagedForce::ZERO };
             Some(CutPushes::new(std::iter::once(&force), None, &[(1.0, Vector3::x_axis())]))

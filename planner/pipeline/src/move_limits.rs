@@ -7,6 +7,7 @@ use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::{Cap, CappedBurr, CutPushes, ForceCaps};
+use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::tools;
 use nalgebra::Matrix3;
 
@@ -161,9 +162,13 @@ impl<'a> Caps<'a> {
         Self { case, prepared, chosen, caps, burr }
     }
 
+    fn near(&self, i: usize) -> Vec<NearStructure> {
+        NearStructure::in_both_directions(&self.prepared.near[i])
+    }
+
     /// The structures near move i, and the arm's compliance there.
     fn around(&self, i: usize) -> (Vec<Proximity>, Option<&Matrix3<f64>>) {
-        let near = self.prepared.near[i].iter().map(|n| n.proximity).collect();
+        let near = self.near(i).iter().map(|n| n.proximity).collect();
         (near, self.chosen.compliances.as_ref().map(|c| &c[i]))
     }
 
@@ -191,7 +196,7 @@ impl<'a> Caps<'a> {
         let [taken, most] = taken.unwrap_or_default().map(|of| factor * of);
         let from = match binding.cap {
             Cap::Toward(n) => {
-                let near = &self.prepared.near[*worst][n];
+                let near = self.near(*worst)[n];
                 let name = self.case.structures.get(near.structure).map_or("", |s| s.name.as_str());
                 format!(", {:.2} mm from {name}", near.proximity.distance_mm - self.burr.radius_mm)
             }

@@ -242,7 +242,8 @@ impl ForcedPath<'_> {
         let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
             let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
             let mut is_fine: Vec<bool> = places.iter().map(|place| place.at == 0.0).collect();
-            let towards = near[i].iter().map(|n| n.proximity.toward.into_inner());
+            let near = NearStructure::in_both_directions(&near[i]);
+            let towards = near.iter().map(|n| n.proximity.toward.into_inner());
             for toward in towards.map(Some).chain([None]) {
                 let along = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
                 let size = |force: &EngagedForce| along(&pushes(force)).max(along(&force.edge_n));

@@ -259,7 +259,7 @@ impl StructureForces {
             impulse += taken * mean_of(&Vector3::norm);
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {
                 let toward = |force: &Vector3<f64>| force.dot(&n.proximity.toward).max(0.0);
-                let peak_n = peaks.iter().map(toward).fold(0.0, f64::max);
+                let peak_n = peaks.iter().map(|force| n.most(force)).fold(0.0, f64::max);
                 let span = TowardSpan { seconds: taken, force_n: mean_of(&toward), peak_n, row };
                 spans[n.structure].push((span, n.proximity.distance_mm));
             }

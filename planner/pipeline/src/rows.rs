@@ -70,10 +70,7 @@ impl Attempt<'_> {
             distance_mm: near.proximity.distance_mm,
             toward: self.prepared.start.scene.ct_from_work.rotate(&near.proximity.toward),
             force_toward_n: toward.force_n,
-            peak_toward_n: self
-                .peaks(waypoint)
-                .map(|force| force.dot(&near.proximity.toward))
-                .fold(0.0, f64::max),
+            peak_toward_n: self.peaks(waypoint).map(|force| near.most(&force)).fold(0.0, f64::max),
             mean_toward_n: self.mean(waypoint, |force| force.dot(&near.proximity.toward).max(0.0)),
             deflection_toward_um: toward.deflection_um,
         }

@@ -3,13 +3,17 @@
 use bonemill_geometry::{Ct, Point, Work, cancel};
 use bonemill_imaging::StructureField;
 use bonemill_toolpath::scene::{Scene, SceneStructure};
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use bonemill_case::Case;
 use bonemill_cutting::burr::ModelError;
 use bonemill_cutting::cost::Proximity;
 use bonemill_planfile::toward::INFLUENCE_MM;
+
+/// Between two waypoints the direction to a structure jumps if it changes by more than this, rad: another part of the structure has become
+/// the nearest. As the burr slides along one part it turns by less than that in a step of a cut.
+const JUMP_RAD: f64 = 0.1;
 
 /// The nearest structure of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +22,30 @@ pub struct NearStructure {
     pub structure: usize,
     /// Direction, distance and least distance.
     pub proximity: Proximity,
+    /// The direction at the waypoint before, where it jumps within the move.
+    pub before: Option<Unit<Vector3<f64>>>,
+}
+
+impl NearStructure {
+    /// Of a place that no move leads to.
+    pub fn new(structure: usize, proximity: Proximity) -> Self {
+        Self { structure, proximity, before: None }
+    }
+
+    /// The largest part of a force toward it within the move; below 0 if it points away.
+    pub fn most(&self, force: &Vector3<f64>) -> f64 {
+        let toward = force.dot(&self.proximity.toward);
+        self.before.map_or(toward, |before| toward.max(force.dot(&before)))
+    }
+
+    /// The structures near a waypoint, and again those to which the direction jumps, with the direction before.
+    pub fn in_both_directions(near: &[Self]) -> Vec<Self> {
+        let again = |n: &Self| {
+            let toward = n.before?;
+            Some(Self { proximity: Proximity { toward, ..n.proximity }, ..*n })
+        };
+        near.iter().copied().chain(near.iter().filter_map(again)).collect()
+    }
 }
 
 /// The structure with the smallest distance less clearance from the burr's centre, in work.
@@ -47,7 +75,7 @@ pub fn nearest_structure(
     }
     best.map(|(_, structure, to_nearest)| {
         let proximity = Proximity::new(to_nearest, radius_mm + clearances_mm[structure])?;
-        Ok(NearStructure { structure, proximity })
+        Ok(NearStructure::new(structure, proximity))
     })
     .transpose()
 }
@@ -79,15 +107,12 @@ pub fn structures_within(
             continue;
         }
         let to_nearest = to_nearest(scene, field, center_ct);
-        near.push(NearStructure {
-            structure: number,
-            proximity: Proximity::new(to_nearest, radius_mm + clearance)?,
-        });
+        near.push(NearStructure::new(number, Proximity::new(to_nearest, radius_mm + clearance)?));
     }
     Ok(near)
 }
 
-/// [`structures_within`] of every centre of the burr.
+/// [`structures_within`] of every centre of the burr along a path.
 ///
 /// # Errors
 /// As [`nearest_structure`].
@@ -98,7 +123,21 @@ pub fn along(
 ) -> Result<Vec<Vec<NearStructure>>, ModelError> {
     let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
     let within = |center: &Point<Work>| structures_within(scene, &clearances_mm, radius_mm, *center);
-    centers.par_iter().map(within).collect()
+    let mut near: Vec<_> = centers.par_iter().map(within).collect::<Result<_, _>>()?;
+    find_jumps(&mut near);
+    Ok(near)
+}
+
+/// Finds where the direction to a structure jumps from one waypoint to the next.
+fn find_jumps(near: &mut [Vec<NearStructure>]) {
+    for i in 1..near.len() {
+        let [before, here] = &mut near[i - 1..=i] else { continue };
+        for n in here {
+            let same = before.iter().find(|other| other.structure == n.structure);
+            let jumps = same.filter(|other| other.proximity.toward.angle(&n.proximity.toward) > JUMP_RAD);
+            n.before = jumps.map(|other| other.proximity.toward);
+        }
+    }
 }
 
 /// Per structure of the scene the least distance of the burr's centre over all `centers`, mm, and the first of them where it is; none
@@ -116,4 +155,28 @@ pub fn least_distances(scene: &Scene, centers: &[Point<Work>]) -> Vec<Option<(f6
         least.filter(|(mm, _)| *mm <= field.reach_mm())
     };
     scene.structures.par_iter().map(least).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_another_part_of_a_structure_becomes_the_nearest_a_push_toward_either_counts() {
+        // past a corner of the first structure; the second begins to be near
+        let near = |structure, angle: f64| {
+            let to_nearest = 4.0 * Vector3::new(angle.cos(), angle.sin(), 0.0);
+            NearStructure::new(structure, Proximity::new(to_nearest, 3.5).unwrap())
+        };
+        let mut path = vec![vec![near(0, 0.0)], vec![near(0, 0.05)], vec![near(1, 1.0), near(0, 0.25)]];
+        find_jumps(&mut path);
+        assert!(path[0][0].before.is_none() && path[1][0].before.is_none() && path[2][0].before.is_none());
+        assert_eq!(path[2][1].before, Some(path[1][0].proximity.toward));
+        let both = NearStructure::in_both_directions(&path[2]);
+        assert_eq!(both.iter().map(|n| n.structure).collect::<Vec<_>>(), [1, 0, 0]);
+        let force = Vector3::new(1.0, -0.5, 0.0);
+        let toward = both.iter().map(|n| force.dot(&n.proximity.toward));
+        assert_eq!(path[2][1].most(&force), toward.skip(1).fold(f64::MIN, f64::max));
+        assert!(path[2][1].most(&force) > force.dot(&path[2][1].proximity.toward) + 0.1);
+    }
 }

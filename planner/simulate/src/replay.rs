@@ -200,7 +200,7 @@ impl SimulationSetup {
         match nearest_structures::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
             Ok(near) => near
                 .iter()
-                .map(|NearStructure { structure, proximity }| SimulatedToward {
+                .map(|NearStructure { structure, proximity, .. }| SimulatedToward {
                     structure: *structure,
                     distance_mm: proximity.distance_mm,
                     force_n: Some(force_n.dot(&proximity.toward).max(0.0)),
