@@ -53,6 +53,8 @@ pub struct Passes<'a> {
     pub(crate) bounded: bool,
     /// How much wider than the tool stock is looked for, mm.
     grown_mm: f64,
+    /// Whether cells are to be cut whole: a sheet may stand between their centres.
+    pub(crate) wholly: bool,
     /// Stock that is not worth a cut.
     pub(crate) left_alone: Option<Sliver>,
     at: Option<TipPoint>,
@@ -86,6 +88,7 @@ impl<'a> Passes<'a> {
             counts,
             bounded: true,
             grown_mm: 0.0,
+            wholly: false,
             left_alone: None,
             at,
             cutting: false,
@@ -147,7 +150,14 @@ impl<'a> Passes<'a> {
 
     /// Where a pass takes anything that counts.
     fn needed(&self, pass: &TipPass) -> Vec<bool> {
-        let meets = |p: &TipPoint| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
+        let takes = |p: TipPoint| {
+            if self.wholly {
+                self.stock.meets_whole(p, &self.counts)
+            } else {
+                self.stock.meets(p, self.grown_mm, &self.counts)
+            }
+        };
+        let meets = |p: &TipPoint| p[2].is_finite() && takes(*p);
         let worth = |n: usize| {
             let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
             self.left_alone.is_none_or(enough)

@@ -147,6 +147,21 @@ impl<'a> Sight<'a> {
             layer(passes, false, level);
         }
         passes.left_alone = None;
+        // finishing does not come to loose stock: no sliver of it stays
+        self.cut_loose(part, passes, |passes| {
+            levels(top, lowest, job.level_mm()).for_each(|level| layer(passes, false, level));
+        });
+    }
+
+    /// Lays passes that cut loose stock, if there is any, and that whole.
+    fn cut_loose(&self, part: &Part, passes: &mut Passes<'_>, lay: impl FnOnce(&mut Passes<'_>)) {
+        if part.loose.contains(&true) {
+            let all = std::mem::replace(&mut passes.counts, part.seen(&part.loose, self.facing));
+            passes.wholly = true;
+            lay(passes);
+            passes.wholly = false;
+            passes.counts = all;
+        }
     }
 
     fn finish(&self, part: &Part, passes: &mut Passes<'_>) {
@@ -178,11 +193,9 @@ impl<'a> Sight<'a> {
         let step_mm = STEP_SHARE * job.widest_mm();
         let rings =
             ((farthest_mm - job.tool.radius_mm - self.beside_mm()) / step_mm).ceil().max(0.0) as usize;
-        let all = std::mem::replace(&mut passes.counts, part.seen(&part.loose, self.facing));
-        for ring in (1..=rings).rev() {
-            around(passes, self.beside_mm() + ring as f64 * step_mm);
-        }
-        passes.counts = all;
+        self.cut_loose(part, passes, |passes| {
+            (1..=rings).rev().for_each(|ring| around(passes, self.beside_mm() + ring as f64 * step_mm));
+        });
         around(passes, self.beside_mm());
     }
 

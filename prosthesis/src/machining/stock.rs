@@ -39,6 +39,11 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
+    /// Thickness that a surface at `w_mm` takes from a cell, mm.
+    fn taken(&self, cell: usize, w_mm: f64) -> f64 {
+        self.top[cell] - w_mm.max(self.other[cell])
+    }
+
     /// The same seen from the other side.
     fn turned(&self, raster: &CellRaster) -> Self {
         let other_way = |map: &[f64]| raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
@@ -101,14 +106,19 @@ impl Stock {
         })
     }
 
-    /// Thickness that a surface at `w_mm` takes from a cell, mm.
-    fn taken(&self, cell: usize, w_mm: f64) -> f64 {
-        self.centres.top[cell] - w_mm.max(self.centres.other[cell])
+    /// The cells that lie under the tool with all their corners, as [`Self::under`] gives them.
+    fn under_whole(&self, at: TipPoint) -> impl Iterator<Item = (usize, f64)> {
+        self.under(at, -TO_CORNER * self.raster.pitch_mm)
     }
 
     /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
     pub fn meets(&self, at: TipPoint, grown_mm: f64, counts: &[bool]) -> bool {
-        self.under(at, grown_mm).any(|(cell, w)| counts[cell] && self.taken(cell, w) > LEAST_MM)
+        self.under(at, grown_mm).any(|(cell, w)| counts[cell] && self.centres.taken(cell, w) > LEAST_MM)
+    }
+
+    /// Whether the tool at a place would cut cells whole that were not yet, of those that `counts` holds for.
+    pub fn meets_whole(&self, at: TipPoint, counts: &[bool]) -> bool {
+        self.under_whole(at).any(|(cell, w)| counts[cell] && self.whole.taken(cell, w) > LEAST_MM)
     }
 
     /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
@@ -117,7 +127,7 @@ impl Stock {
         let radius_mm = self.tool.radius_mm;
         let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
         let near = self.under(at, grown_mm);
-        let thick = near.filter(|(cell, w)| self.taken(*cell, *w) > deeper_mm);
+        let thick = near.filter(|(cell, w)| self.centres.taken(*cell, *w) > deeper_mm);
         thick.for_each(|(cell, _)| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
@@ -135,7 +145,7 @@ impl Stock {
         self.under(at, 0.0).for_each(|(cell, w)| top[cell] = top[cell].min(w));
         self.centres.top = top;
         let mut top = std::mem::take(&mut self.whole.top);
-        self.under(at, -TO_CORNER * self.raster.pitch_mm).for_each(|(cell, w)| top[cell] = top[cell].min(w));
+        self.under_whole(at).for_each(|(cell, w)| top[cell] = top[cell].min(w));
         self.whole.top = top;
     }
 
