@@ -127,7 +127,7 @@ impl Prepared<'_> {
         }
         let sampled = SampledForce::within(case)?;
         let forced = self.forced();
-        let swept = forced.rounded((&self.start, case), motion)?;
+        let swept = &forced.rounded((&self.start, case), motion)?;
         let axes = self.directions.axes();
         // the free axis at waypoint i that keeps the bounds, or misses them least, and is nearest to `wanted`
         let best = |i: usize, wanted: &Unit<Vector3<f64>>| {
@@ -140,19 +140,15 @@ impl Prepared<'_> {
                 sampled.gather(&mut samples, &feed, bone);
                 Some((of, samples))
             };
+            let places = |of: usize| {
+                let turning = TURNING.into_iter().filter(move |_| swept.is_rounded(of));
+                around_back(swept, of).into_iter().chain(PLACES).chain(turning)
+            };
             // its axis counts in the second half of the move to it and in the first of the one from it
-            let [to, from] = [i, i + 1].map(|of| {
-                let on_path = of < near.len();
-                let turning =
-                    TURNING.into_iter().filter(|_| on_path && swept.is_rounded(of)).collect::<Vec<_>>();
-                let places =
-                    on_path.then(|| around_back(&swept, of).into_iter().chain(PLACES).chain(turning));
-                places
-                    .into_iter()
-                    .flatten()
-                    .filter(move |place| (*place >= 0.5) == (of == i))
-                    .map(move |place| (of, place))
-            });
+            let to = places(i).filter(|place| *place >= 0.5).map(|place| (i, place));
+            let next = Some(i + 1).filter(|of| *of < near.len());
+            let from = next.into_iter().flat_map(|of| places(of).map(move |place| (of, place)));
+            let from = from.filter(|(_, place)| *place < 0.5);
             let gathered: Vec<_> = to.chain(from).filter_map(gathered).collect();
             let share = |axis: &Unit<Vector3<f64>>| {
                 let forces = gathered.iter().map(|(of, samples)| (*of, sampled.of(samples, axis)));

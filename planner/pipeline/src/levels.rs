@@ -209,5 +209,13 @@ mod tests {
         let free = Levels { toward: 9.0, overall: 9.0, speed_mm_s: 4.0 };
         let found = SpeedLevels::of(&free, &pushes, &[1.5, 4.0, 0.5, 0.5, 0.5], &near, true);
         assert_eq!((found.toward, found.exceeded, found.unit()), (0.25, 0, ("um", 1e3)));
+        // a push in the direction before is one toward the structure to which the direction jumped
+        let jumped = NearStructure { before: Some(Vector3::y_axis()), ..near[3][0] };
+        let both = vec![jumped, near[4][0]];
+        let toward = [(1.0, -Vector3::x_axis()), (1.0, -Vector3::x_axis()), (1.0, Vector3::y_axis())];
+        let force = EngagedForce { cut_n_per_mm_s: Vector3::y() * 6.0, ..EngagedForce::ZERO };
+        let pushes = [Some(CutPushes::new(std::iter::once(&force), None, &toward))];
+        let found = SpeedLevels::of(&levels, &pushes, &[0.5], &[both], false);
+        assert_eq!(found.worst.unwrap().structure, Some(3));
     }
 }

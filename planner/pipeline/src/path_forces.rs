@@ -226,8 +226,8 @@ impl ForcedPath<'_> {
         Ok((0..self.points.len()).into_par_iter().map(force).collect())
     }
 
-    /// Computes the largest forces within moves as finely as those where they end: of the whole force, and toward each of the structures
-    /// that are `near`.
+    /// Computes the force as finely as where moves end at the place within each move where it seems largest: the whole force, and that toward
+    /// each of the structures that are `near`.
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.

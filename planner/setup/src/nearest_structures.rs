@@ -12,7 +12,7 @@ use bonemill_cutting::cost::Proximity;
 use bonemill_planfile::toward::INFLUENCE_MM;
 
 /// Between two waypoints the direction to a structure jumps if it changes by more than this, rad: another part of the structure has become
-/// the nearest. As the burr slides along one part it turns by less than that in a step of a cut.
+/// the nearest, or the burr went far around one part.
 const JUMP_RAD: f64 = 0.1;
 
 /// The nearest structure of a waypoint.

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use bonemill_planfile::PlanFileError;
 use thiserror::Error;
 
 /// Reading or changing the stock failed.
@@ -70,14 +71,17 @@ pub enum CatalogueError {
         /// The block.
         id: String,
     },
-    /// A file of the catalogue cannot be made, locked, read or written.
-    #[error("{}: it cannot be made, locked, read or written", path.display())]
+    /// A file of the catalogue cannot be made, locked or read.
+    #[error("{}: it cannot be made, locked or read", path.display())]
     File {
         /// The file.
         path: PathBuf,
         /// Why.
         source: io::Error,
     },
+    /// The changed catalogue cannot be written.
+    #[error(transparent)]
+    Write(#[from] PlanFileError),
     /// Another program holds the catalogue.
     #[error("the catalogue {} has been locked by another program for {} s: try again when that has ended", path.display(), crate::catalogue::WAIT.as_secs())]
     Locked {

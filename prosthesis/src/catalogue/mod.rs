@@ -63,10 +63,12 @@ impl Catalogue {
     /// # Errors
     /// As [`Self::open`], but for a file that does not exist.
     pub fn open_or_create(path: &Path) -> Result<Self, CatalogueError> {
-        if !path.exists() {
+        // a link to a share that is not there is no place for a new one
+        let is_free = || fs::symlink_metadata(path).is_err();
+        if is_free() {
             let _lock = locked(path)?;
             // one that another station made meanwhile stays
-            if !path.exists() {
+            if is_free() {
                 Stock::default().write(path)?;
             }
         }
@@ -157,6 +159,10 @@ fn locked(path: &Path) -> Result<File, CatalogueError> {
     let lock = beside(path, "lock");
     let file = OpenOptions::new().create(true).append(true).open(&lock);
     let file = file.map_err(CatalogueError::of_file(&lock))?;
+    if let Ok(there) = fs::metadata(path) {
+        // whoever may change the catalogue may lock it; only the lock's owner can say so
+        let _ = file.set_permissions(there.permissions());
+    }
     let began = Instant::now();
     loop {
         match file.try_lock() {

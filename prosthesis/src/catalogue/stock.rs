@@ -1,12 +1,13 @@
 //! What the file of a catalogue holds, and its changes.
 
-use std::fs::{self, File};
-use std::io::{Read as _, Write as _};
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 
+use bonemill_planfile::replace;
 use serde::{Deserialize, Serialize};
 
-use super::{CatalogueError, beside};
+use super::CatalogueError;
 
 /// The file's version.
 const VERSION: u32 = 1;
@@ -33,8 +34,8 @@ pub struct StockBlock {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseEntry {
-    /// The lease's number.
-    pub number: u64,
+    /// The end of the name of the file that its holder locks.
+    pub holder: String,
     /// The block's kind; none where the plan that is replaced holds it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub block: Option<String>,
@@ -45,8 +46,6 @@ pub struct LeaseEntry {
 #[serde(deny_unknown_fields)]
 pub struct Stock {
     version: u32,
-    /// The number of the next lease: none comes twice.
-    pub next_lease: u64,
     /// By number.
     #[serde(default, rename = "block", skip_serializing_if = "Vec::is_empty")]
     pub blocks: Vec<StockBlock>,
@@ -56,7 +55,7 @@ pub struct Stock {
 
 impl Default for Stock {
     fn default() -> Self {
-        Self { version: VERSION, next_lease: 1, blocks: Vec::new(), leases: Vec::new() }
+        Self { version: VERSION, blocks: Vec::new(), leases: Vec::new() }
     }
 }
 
@@ -77,16 +76,19 @@ impl Stock {
             return Err(foreign(format!("it has more than {MOST_BYTES} bytes")));
         }
         let text = str::from_utf8(&bytes).map_err(|_| foreign("it is no text".into()))?;
-        let stock: Self = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count()) + 1;
+        let mut stock: Self = toml::from_str(text).map_err(|error| {
+            let line =
+                error.span().map_or(0, |span| bytes[..span.start].iter().filter(|b| **b == b'\n').count())
+                    + 1;
             foreign(format!("line {line}: {}", error.message().replace('\n', ", ")))
         })?;
         if stock.version != VERSION {
             return Err(foreign(format!("its version is {}, expected {VERSION}", stock.version)));
         }
         stock.blocks.iter().try_for_each(check).map_err(|fault| foreign(fault.to_string()))?;
-        if let Some(pair) = stock.blocks.windows(2).find(|pair| pair[0].id >= pair[1].id) {
-            return Err(foreign(format!("block {:?} stands after block {:?}", pair[1].id, pair[0].id)));
+        stock.blocks.sort_by(|a, b| a.id.cmp(&b.id));
+        if let Some(pair) = stock.blocks.windows(2).find(|pair| pair[0].id == pair[1].id) {
+            return Err(foreign(format!("block {} is there twice", pair[0].id)));
         }
         Ok(stock)
     }
@@ -94,20 +96,13 @@ impl Stock {
     /// Writes it, whole or not at all. The catalogue must be locked.
     ///
     /// # Errors
-    /// [`CatalogueError::File`].
+    /// [`CatalogueError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), CatalogueError> {
-        let new = beside(path, "new");
-        let write = || {
-            let text = toml::to_string(self).map_err(std::io::Error::other)?;
-            let mut file = File::create(&new)?;
-            file.write_all(format!("{HEAD}{text}").as_bytes())?;
-            file.sync_all()?;
-            fs::rename(&new, path)
-        };
-        write().map_err(|source| {
-            let _ = fs::remove_file(&new);
-            CatalogueError::File { path: path.into(), source }
-        })
+        let text =
+            toml::to_string(self).map_err(std::io::Error::other).map_err(CatalogueError::of_file(path))?;
+        let dir = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        Ok(replace(dir, &name, format!("{HEAD}{text}").as_bytes())?)
     }
 
     /// Adds blocks.

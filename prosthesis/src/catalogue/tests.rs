@@ -81,9 +81,16 @@ fn a_lease_ends_however_its_holder_does() {
     assert_eq!((larger.mounted.id.as_str(), counts()), ("B2", vec![0, 0]));
     larger.keep().unwrap();
     assert_eq!(counts(), [1, 0]);
+    // a kind that is removed meanwhile does not go back, and the plan keeps its block all the same
+    let again = stock.lease_smallest(needed_mm, Some("B2")).unwrap().unwrap();
+    stock.remove("B2").unwrap();
+    again.keep().unwrap();
+    assert_eq!(counts(), [0]);
+    stock.add("B2", [80.0, 30.0, 70.0], 0).unwrap();
+    stock.put_back("B1").unwrap();
     // a holder that was killed: its entry is there, its lock is not
     let held = |stock: &mut Stock| {
-        stock.leases.push(LeaseEntry { number: 77, block: Some("B1".into()) });
+        stock.leases.push(LeaseEntry { holder: "77-7".into(), block: Some("B1".into()) });
         stock.take("B1")
     };
     stock.change(held).unwrap();
@@ -113,16 +120,16 @@ fn a_catalogue_is_listed_while_another_station_changes_it_and_a_corrupted_one_is
         said.to_string()
     };
     for (from, to, says) in [
-        ("count = 1", "count = -1", "line 8: invalid value: integer `-1`, expected u32"),
-        ("count = 1", "number = 1", "line 8: unknown field `number`"),
+        ("count = 1", "count = -1", "line 7: invalid value: integer `-1`, expected u32"),
+        ("count = 1", "number = 1", "line 7: unknown field `number`"),
         ("60.0", "0.5", "block B1: a side of 0.5 mm; expected 1 to 1000 mm"),
         ("60.0", "nan", "block B1: a side of NaN mm"),
         ("version = 1", "version = 2", "its version is 2, expected 1"),
-        ("[[block]]", "[[block]", "line 5: "),
+        ("[[block]]", "[[block]", "line 4: "),
         (
             "[[block]]",
             "[[block]]\nid = \"B1\"\nsize_mm = [9, 9, 9]\ncount = 1\n[[block]]",
-            "after block \"B1\"",
+            "block B1 is there twice",
         ),
     ] {
         let said = with(from, to);

@@ -167,17 +167,19 @@ impl Part {
 fn loose(raster: &CellRaster, outside_mm: &[f64], job: &MachiningJob) -> Vec<bool> {
     let block = &job.block;
     let grip_v = -(block.low_mm.z + block.grip_mm);
-    // also one whose centre lies beside it: a sheet may be thinner than a cell
-    let touches_block = |cell: usize| {
-        let ([u, v], half_mm) = (raster.centre_of(cell), 0.5 * raster.pitch_mm);
-        let within = |at: f64, low: f64, high: f64| (low - half_mm..=high + half_mm).contains(&at);
+    let in_block = |cell: usize, beyond_mm: f64| {
+        let [u, v] = raster.centre_of(cell);
+        let within = |at: f64, low: f64, high: f64| (low - beyond_mm..=high + beyond_mm).contains(&at);
         within(u, block.low_mm.x, block.high_mm.x) && within(v, -block.high_mm.z, -block.low_mm.z)
     };
+    // also one whose centre lies beside the block: a sheet may be thinner than a cell
+    let touches_block = |cell: usize| in_block(cell, 0.5 * raster.pitch_mm);
     // a cell that the channel's edge passes through counts as beside it
     let channel_mm = job.tool.diameter_mm() - raster.pitch_mm;
     let beside: Vec<bool> =
         (0..raster.len()).map(|c| touches_block(c) && outside_mm[c] > channel_mm).collect();
-    let holds = |cell: usize| beside[cell] && outside_mm[cell] > channel_mm + raster.pitch_mm + HOLDS_MM;
+    let holds =
+        |cell: usize| in_block(cell, 0.0) && outside_mm[cell] > channel_mm + raster.pitch_mm + HOLDS_MM;
     // below the raster the block goes on to the grip
     let lowest = raster.centre(0, raster.dims[1] - 1)[1];
     let is_grip = |cell: usize| raster.centre_of(cell)[1] >= grip_v.min(lowest);

@@ -128,7 +128,7 @@ impl<'a> DrivenForce<'a> {
         };
         let ends: Vec<Engaged> = path.steps.par_iter().map(at).collect();
         let found = path.steps.iter().enumerate().filter_map(|(n, step)| {
-            // a piece begins with the direction in which it goes on
+            // the step before the first one of a piece has another direction: that one counts as at its end
             let is_same = |before: &usize| path.steps[*before].piece == step.piece;
             let start = n.checked_sub(1).filter(is_same).unwrap_or(n);
             let mean = ends[start].mean_with(&ends[n]);
