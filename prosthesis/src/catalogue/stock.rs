@@ -1,5 +1,6 @@
 //! What the file of a catalogue holds, and its changes.
 
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
@@ -101,8 +102,11 @@ impl Stock {
         let text =
             toml::to_string(self).map_err(std::io::Error::other).map_err(CatalogueError::of_file(path))?;
         let dir = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        Ok(replace(dir, &name, format!("{HEAD}{text}").as_bytes())?)
+        let name = path.file_name().and_then(OsStr::to_str).ok_or_else(|| CatalogueError::File {
+            path: path.into(),
+            source: std::io::ErrorKind::InvalidFilename.into(),
+        })?;
+        Ok(replace(dir, name, format!("{HEAD}{text}").as_bytes())?)
     }
 
     /// Adds blocks.
