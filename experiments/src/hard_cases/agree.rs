@@ -109,8 +109,9 @@ impl RandomCase {
                 let label = Arc::clone(&scene.label);
                 let split = move |p: &V| if label(p) == NERVE && p.y > 0.1 { SPLIT } else { label(p) };
                 let clearance = self.body.nerve_clearance();
+                // both of the first priority
                 let other = format!(
-                    "name = \"other\"\nlabel = {SPLIT}\n{clearance}\n\n[[structure]]\nname = \"nerve\"\n"
+                    "name = \"other\"\nlabel = {SPLIT}\npriority = 1\n{clearance}\n\n[[structure]]\nname = \"nerve\"\npriority = 1\n"
                 );
                 Scene { label: Arc::new(split), ..scene }.with("name = \"nerve\"\n", other)
             }
@@ -119,11 +120,15 @@ impl RandomCase {
         }
     }
 
-    /// Whether the twin is another task: the paper's cost and its presets add up over structures, and two parts count twice.
-    fn twin_is_other_task(self) -> bool {
-        self.body.nerve[0] > 0
-            && self.body.turn[0] % 4 == 1
-            && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
+    /// How many of the figures a twin must have, in the order of [`Figures::differ`]. Of a structure in two parts the push toward the
+    /// farther one counts, too, so that peaks are others; where the cost adds up over structures, axes and times are as well.
+    fn figures_of_twin(self) -> usize {
+        let is_split = self.body.nerve[0] > 0 && self.body.turn[0] % 4 == 1;
+        match (is_split, BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))) {
+            (false, _) => 3,
+            (true, false) => 2,
+            (true, true) => 1,
+        }
     }
 
     /// Where programs disagree; empty where they agree.
@@ -139,7 +144,7 @@ impl RandomCase {
                 Vec::new()
             }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            (Some(figures), Some(twin)) => figures.differ(&twin, self.twin_is_other_task()),
+            (Some(figures), Some(twin)) => figures.differ(&twin, self.figures_of_twin()),
             _ => Vec::new(),
         }
     }
@@ -160,8 +165,8 @@ impl RandomCase {
 }
 
 impl Figures {
-    /// What differs from a twin; of a twin that is another task, what is removed only.
-    fn differ(&self, twin: &Self, is_other_task: bool) -> Vec<String> {
+    /// Which of the first `count` figures differ from a twin's.
+    fn differ(&self, twin: &Self, count: usize) -> Vec<String> {
         let [near, peaks] = TWINS;
         let all = [
             ("removed_mm3", self.removed_mm3, twin.removed_mm3, near),
@@ -170,7 +175,7 @@ impl Figures {
         ];
         let differs = |(_, a, b, share): &(&str, f64, f64, f64)| (a - b).abs() > share * a.max(*b) + 0.05;
         all.iter()
-            .take(if is_other_task { 1 } else { all.len() })
+            .take(count)
             .filter(|of| differs(of))
             .map(|(name, a, b, _)| format!("{name} {a:.4}, of its twin {b:.4}"))
             .collect()

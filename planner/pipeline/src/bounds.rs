@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::PlanError;
 use super::choose::{Choices, Chosen};
 use super::compared::{JUDGED, LEAST_N, SAME_SHARE};
-use super::path_forces::{TURNING, around_back};
+use super::path_forces::{around_back, turning};
 use super::prepared::Prepared;
 use super::reference::{Reference, StructureForces};
 use super::sampled::SampledForce;
@@ -140,10 +140,8 @@ impl Prepared<'_> {
                 sampled.gather(&mut samples, &feed, bone);
                 Some((of, samples))
             };
-            let places = |of: usize| {
-                let turning = TURNING.into_iter().filter(move |_| swept.is_rounded(of));
-                around_back(swept, of).into_iter().chain(PLACES).chain(turning)
-            };
+            let in_corners = |of: usize| turning(swept, of, sampled.has_edges);
+            let places = |of: usize| around_back(swept, of).into_iter().chain(PLACES).chain(in_corners(of));
             // its axis counts in the second half of the move to it and in the first of the one from it
             let to = places(i).filter(|place| *place >= 0.5).map(|place| (i, place));
             let next = Some(i + 1).filter(|of| *of < near.len());

@@ -164,9 +164,9 @@ impl Prepared<'_> {
         motion: &ArmMotion,
     ) -> Result<(), PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let (axes, sampled) = (&chosen.oriented.axes, SampledForce::within(case)?);
-        let of = (&self.start, case, &sampled);
-        chosen.within = self.forced().within(of, axes, motion, &chosen.forces)?;
+        let (forced, sampled) = (self.forced(), SampledForce::within(case)?);
+        let swept = forced.rounded((&self.start, case), motion)?;
+        chosen.within = forced.within((&sampled, &swept), &chosen.oriented.axes, &chosen.forces);
         Ok(())
     }
 
@@ -183,10 +183,11 @@ impl Prepared<'_> {
         let case = &choices.applied_to(self.start.case);
         let axes = &chosen.oriented.axes;
         let forced = self.forced();
-        chosen.forces = forced.finely((case, &forced.swept(case)), axes, |i| chosen.forces[i].is_some())?;
+        let swept = forced.rounded((&self.start, case), motion)?;
+        chosen.forces = forced.finely((case, &swept), axes, |i| chosen.forces[i].is_some())?;
         begin_as_ended(&mut chosen.within, &chosen.forces);
         let moves = (&chosen.forces[..], &mut chosen.within[..]);
-        forced.largest_finely((&self.start, case, &self.near), axes, motion, moves)?;
+        forced.largest_finely((case, &swept, &self.near), axes, moves)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())

@@ -29,8 +29,10 @@ use super::speeds::JointMotion;
 /// which the one before it ends.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
-/// Places in the middle of a corner, by how far the burr has turned there from one move's direction to the next one's, beyond 1.
-pub(super) const TURNING: [f64; 3] = [1.25, 1.5, 1.75];
+/// Places in the middle of rounded corners, as [`SweptPath::bone_within`] counts them ..
+const TURNING: &[f64] = &[1.25, 1.5, 1.75];
+/// .. and, where edges push without a chip, in all corners: such forces jump with the direction.
+const TURNING_WITH_EDGES: &[f64] = &[1.05, 1.25, 1.5, 1.75, 1.95, 2.5, 3.5];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
@@ -150,6 +152,16 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
     swept.comes_back(i).into_iter().flat_map(around).collect()
 }
 
+/// Places in the corners of move i.
+pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> impl Iterator<Item = f64> {
+    let places = match (has_edges, swept.is_rounded(i)) {
+        (true, _) => TURNING_WITH_EDGES,
+        (false, true) => TURNING,
+        (false, false) => &[],
+    };
+    places.iter().copied()
+}
+
 /// The shaft's axis after a share of the way of move i: it turns during the move.
 fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
     Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share.min(1.0)))
@@ -233,12 +245,11 @@ impl ForcedPath<'_> {
     /// When the tool, the material or the arm's limits are not usable.
     pub fn largest_finely(
         &self,
-        (start, case, near): (&Start, &Case, &[Vec<NearStructure>]),
+        (case, swept, near): (&Case, &SweptPath, &[Vec<NearStructure>]),
         axes: &[Unit<Vector3<f64>>],
-        motion: &ArmMotion,
         (ends, within): (&[Option<EngagedForce>], &mut [Vec<ForceWithin>]),
     ) -> Result<(), PlanError> {
-        let (swept, fine) = (self.rounded((start, case), motion)?, FineForce::new(case)?);
+        let fine = FineForce::new(case)?;
         let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
             let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
             let mut is_fine: Vec<bool> = places.iter().map(|place| place.at == 0.0).collect();
@@ -285,18 +296,13 @@ impl ForcedPath<'_> {
         Ok(SweptPath::driven(self.scene, self.removal, self.points, ball, &corners))
     }
 
-    /// Forces at places within every move as the arm drives it, given those at the ends of moves that are planned to remove something.
-    ///
-    /// # Errors
-    /// When the arm's limits are not usable.
+    /// Forces at places within every move of the driven path, given those at the ends of moves that are planned to remove something.
     pub fn within(
         &self,
-        (start, case, sampled): (&Start, &Case, &SampledForce),
+        (sampled, swept): (&SampledForce, &SweptPath),
         axes: &[Unit<Vector3<f64>>],
-        motion: &ArmMotion,
         ends: &[Option<EngagedForce>],
-    ) -> Result<Vec<Vec<ForceWithin>>, PlanError> {
-        let swept = self.rounded((start, case), motion)?;
+    ) -> Vec<Vec<ForceWithin>> {
         let pushes = |force: &EngagedForce| force.force_n(sampled.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
         let of_move = |i: usize| {
@@ -310,8 +316,7 @@ impl ForcedPath<'_> {
             };
             let found_at = |share: f64| Some((share, at(share)?));
             // at 0 is what the move before ends with
-            let skins = around_back(&swept, i).into_iter().map(|share| share.max(f64::MIN_POSITIVE));
-            let turning = Some(TURNING).filter(|_| swept.is_rounded(i)).into_iter().flatten();
+            let skins = around_back(swept, i).into_iter().map(|share| share.max(f64::MIN_POSITIVE));
             let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
             let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
             let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
@@ -335,10 +340,10 @@ impl ForcedPath<'_> {
             }
             let mut found =
                 if ends[i].is_some() { shared(places) } else { cutting(places.into_iter()).collect() };
-            found.extend(cutting(skins.chain(turning).filter_map(found_at)));
+            found.extend(cutting(skins.chain(turning(swept, i, sampled.has_edges)).filter_map(found_at)));
             found
         };
-        Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
+        (0..self.points.len()).into_par_iter().map(of_move).collect()
     }
 
     /// The move before move i, if i goes on in its direction.

@@ -118,14 +118,14 @@ impl ReferencePath {
             Err(error) => return Err(error),
         };
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
-        let (sampled, swept) = (SampledForce::within(case)?, forced.swept(case));
+        let (sampled, swept) = (SampledForce::within(case)?, forced.rounded((start, case), &motion)?);
         // figures near structures are small
         let is_near =
             |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
         let fine = forced.finely((case, &swept), &axes, |i| cuts(i) && is_near(i))?;
         let rest = forced.at_ends((&sampled, &swept), &axes, |i| cuts(i) && !is_near(i));
         let ends: Vec<_> = fine.into_iter().zip(rest).map(|(fine, rest)| fine.or(rest)).collect();
-        let within = forced.within((start, case, &sampled), &axes, &motion, &ends)?;
+        let within = forced.within((&sampled, &swept), &axes, &ends);
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();

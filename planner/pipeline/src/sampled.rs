@@ -17,6 +17,13 @@ pub struct SampledForce {
     /// Speed at which forces are compared, mm/s.
     pub(super) nominal_mm_s: f64,
     spindle_rpm: f64,
+    /// Whether edges push without a chip.
+    pub(super) has_edges: bool,
+}
+
+/// Whether edges push without a chip.
+fn has_edges(case: &Case) -> bool {
+    case.material.k_edge_n_mm != [0.0; 3]
 }
 
 impl SampledForce {
@@ -36,8 +43,7 @@ impl SampledForce {
     /// # Errors
     /// As [`SampledForce::new`].
     pub fn within(case: &Case) -> Result<Self, PlanError> {
-        let has_edges = case.material.k_edge_n_mm != [0.0; 3];
-        Self::new(case, if has_edges { Self::WITH_EDGES } else { Self::AXES })
+        Self::new(case, if has_edges(case) { Self::WITH_EDGES } else { Self::AXES })
     }
 
     /// Of a case's burr and material.
@@ -49,7 +55,7 @@ impl SampledForce {
         let (material, measure) = tools::material(&case.material)?;
         let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
         let [nominal_mm_s, spindle_rpm] = [case.speed.nominal_mm_s, case.burr.spindle_rpm];
-        Ok(Self { kernel, material, nominal_mm_s, spindle_rpm })
+        Ok(Self { kernel, material, nominal_mm_s, spindle_rpm, has_edges: has_edges(case) })
     }
 
     /// Where bone is looked for, mm from the burr's centre.

@@ -199,8 +199,9 @@ impl<'a> SweptPath<'a> {
     }
 
     /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
-    /// where it does not move. Shares from 1 to 2 are in the middle of a rounded corner, where the burr turns from the direction before it
-    /// to that behind it.
+    /// where it does not move. Shares beyond 1 are places of corners, where the burr turns from the direction before the place to that
+    /// behind it, by the fraction of the share: 1 to 2 in the middle of the corner where the move ends, 2 to 3 where the rounding of that one
+    /// begins, 3 to 4 where that of the corner ends from which the move comes.
     pub fn bone_within<W: Fn(f64) -> f64>(
         &self,
         (index, share): (u32, f64),
@@ -208,26 +209,39 @@ impl<'a> SweptPath<'a> {
         weight_of: W,
     ) -> Option<(Unit<Vector3<f64>>, BoneAt<'_, W>)> {
         let (first, last) = (self.end_of[index.checked_sub(1)? as usize], self.end_of[index as usize]);
-        let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();
-        let mut left_mm = share.min(1.0) * (first + 1..=last).map(length).sum::<f64>();
-        for n in first + 1..=last {
-            let (from, to) = (self.vertices[n as usize - 1], self.vertices[n as usize]);
-            let piece_mm = length(n);
-            if left_mm <= piece_mm || n == last {
-                let mut direction = Unit::try_new(to - from, 1e-9)?;
-                let center = from + direction.into_inner() * left_mm.min(piece_mm);
-                if share > 1.0 && self.is_rounded[index as usize] {
-                    let behind = Unit::try_new(self.vertices[n as usize + 1] - to, 1e-9)?;
-                    direction = Unit::try_new(direction.lerp(&behind, share - 1.0), 1e-9)?;
-                }
-                return Some((
-                    direction,
-                    self.bone_around(center, (index, Some(n - 1)), sample_radius_mm, weight_of),
-                ));
-            }
-            left_mm -= piece_mm;
+        if first == last {
+            return None;
         }
-        None
+        let (center, direction, before) = if share > 1.0 {
+            let is_rounded = |of: u32| self.is_rounded[of as usize];
+            let at = match share {
+                ..2.0 => last,
+                ..3.0 => Some(last - 1).filter(|_| is_rounded(index))?,
+                _ => Some(first + 1).filter(|_| is_rounded(index - 1))?,
+            };
+            let [from, to] = [self.direction_to(at)?, self.direction_to(at + 1)?];
+            let direction = Unit::try_new(from.lerp(&to, share.fract()), 1e-9)?;
+            (self.vertices[at as usize], direction, at - 1)
+        } else {
+            let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();
+            let mut left_mm = share * (first + 1..=last).map(length).sum::<f64>();
+            let mut n = first + 1;
+            while n < last && left_mm > length(n) {
+                left_mm -= length(n);
+                n += 1;
+            }
+            let (from, direction) = (self.vertices[n as usize - 1], self.direction_to(n)?);
+            (from + direction.into_inner() * left_mm.min(length(n)), direction, n - 1)
+        };
+        let bone = self.bone_around(center, (index, Some(before)), sample_radius_mm, weight_of);
+        Some((direction, bone))
+    }
+
+    /// The direction in which the burr comes to a vertex of the driven path.
+    fn direction_to(&self, vertex: u32) -> Option<Unit<Vector3<f64>>> {
+        let (from, to) =
+            (self.vertices.get(vertex.checked_sub(1)? as usize)?, self.vertices.get(vertex as usize)?);
+        Unit::try_new(to - from, 1e-9)
     }
 
     /// The bone around a centre on the move to waypoint `index`, whose earlier path ends at vertex `before`.

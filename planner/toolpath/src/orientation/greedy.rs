@@ -21,8 +21,8 @@ use super::{Directions, TiltFamily, moving_average};
 const BRENT_ITERATIONS: u64 = 12;
 /// Halvings that find the end of an interval: from 2° to 0.03°.
 const END_HALVINGS: usize = 6;
-/// Costs that differ by less than this are equal.
-const EQUAL: f64 = 1e-12;
+/// Costs that differ by less than this are equal: in a symmetric body rounding must not choose.
+const EQUAL: f64 = 1e-6;
 
 /// The best axis of one waypoint alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -273,6 +273,14 @@ mod tests {
         let upper = angle(wish(|q| -q.abs(), |q| !(-0.5..0.6).contains(&q) && q < 0.777));
         assert!((upper + 1.0).abs() < 1e-9, "{upper}");
         assert_eq!(wish(|q| q, |_| false), BestAxis::Nothing);
+    }
+
+    #[test]
+    fn rounding_does_not_choose_in_a_symmetric_body() {
+        for sign in [1.0, -1.0] {
+            let found = angle(wish(|q| (q.abs() - 0.4).powi(2) + sign * 1e-9 * q, |_| true));
+            assert!((found + 0.4).abs() < 0.02, "{found}");
+        }
     }
 
     #[test]

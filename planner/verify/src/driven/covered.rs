@@ -3,24 +3,34 @@
 //! A piece removes a capsule: all points within the burr's radius of it. The space around the path is divided into cells. A cell
 //! holds the first piece whose capsule contains all of it, and the pieces before that one whose surface may cross it. So a point is
 //! compared with few capsules, and the result is that of a comparison with all.
+//!
+//! Pieces lie within [`THIN_MM`] of the motion. Where the burr passes a place again, this decides whether it seems to touch what the
+//! earlier pass left, and edge forces need no more than a touch. So what stands by less than that beyond the surface of an
+//! earlier pass counts as removed.
 
 use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::super::carve::{MoveSegment, NEVER};
+use super::path::THIN_MM;
 
 /// Side of a cell, mm.
 const CELL_MM: f64 = 0.5;
-/// Relative margin for rounding: where the burr comes to the same place again, its surface counts as removed.
+/// Relative margin for rounding.
 const ROUNDING: f64 = 1e-12;
+/// A piece that ends at least so long before another one begins is an earlier pass, mm of way.
+const EARLIER_MM: f64 = 1.0;
 
 /// The pieces of a path, by place.
 #[derive(Debug)]
 pub struct Covered<'a> {
     pieces: &'a [MoveSegment],
-    /// Radius of the capsules, mm.
+    /// The way until the end of each, mm.
+    way_mm: Vec<f64>,
+    /// Radius of the capsules, mm; of earlier passes.
     reach_mm: f64,
+    earlier_mm: f64,
     /// Distance from a capsule's surface within which it may cross a patch, mm.
     patch_mm: f64,
     lo: Vector3<f64>,
@@ -54,7 +64,14 @@ impl<'a> Covered<'a> {
     ) -> Self {
         let dims: [usize; 3] = (hi - lo).map(|mm| (mm / CELL_MM).ceil().max(1.0) as usize).into();
         let reach_mm = radius_mm * (1.0 + ROUNDING);
-        let mut covered = Self { pieces, reach_mm, patch_mm, lo, dims, slabs: Vec::new() };
+        let earlier_mm = reach_mm + THIN_MM;
+        let until = |way: &mut f64, piece: &MoveSegment| {
+            *way += (piece.b - piece.a).norm();
+            Some(*way)
+        };
+        let way_mm = pieces.iter().scan(0.0, until).collect();
+        let mut covered =
+            Self { pieces, way_mm, reach_mm, earlier_mm, patch_mm, lo, dims, slabs: Vec::new() };
         covered.slabs = (0..dims[2]).into_par_iter().map(|k| covered.slab(k)).collect();
         covered
     }
@@ -64,7 +81,7 @@ impl<'a> Covered<'a> {
         cancel::poll();
         let [nx, ny, _] = self.dims;
         let slack_mm = 0.5 * 3f64.sqrt() * CELL_MM + self.patch_mm;
-        let (holds_mm, touches_mm) = (self.reach_mm - slack_mm, self.reach_mm + slack_mm);
+        let (holds_mm, touches_mm) = (self.reach_mm - slack_mm, self.earlier_mm + slack_mm);
         let holds = if holds_mm > 0.0 { holds_mm * holds_mm } else { -1.0 };
         let mut found = vec![(NEVER, Vec::new()); nx * ny];
         let z = self.lo.z + (k as f64 + 0.5) * CELL_MM;
@@ -124,25 +141,28 @@ impl<'a> Covered<'a> {
             return 0.0;
         }
         let inside = (self.reach_mm - self.patch_mm).max(0.0).powi(2);
+        let begins_mm = piece.checked_sub(1).map_or(0.0, |before| self.way_mm[before as usize]);
+        // how far the point is beyond the nearest piece, and that piece
         let mut nearest = (f64::INFINITY, 0);
         for &number in &slab.near[cell.near[0] as usize..cell.near[1] as usize] {
             if number >= piece {
                 break;
             }
             let squared = self.pieces[number as usize].squared(p);
-            if squared < nearest.0 {
-                if squared <= inside {
-                    return 0.0;
-                }
-                nearest = (squared, number);
+            if squared <= inside {
+                return 0.0;
+            }
+            let is_earlier = begins_mm - self.way_mm[number as usize] >= EARLIER_MM;
+            let reach_mm = if is_earlier { self.earlier_mm } else { self.reach_mm };
+            if squared < (reach_mm + nearest.0).powi(2) {
+                nearest = (squared.sqrt() - reach_mm, number);
             }
         }
-        let distance_mm = nearest.0.sqrt();
-        let beyond_mm = distance_mm - self.reach_mm;
+        let beyond_mm = nearest.0;
         if beyond_mm >= self.patch_mm {
             return 1.0;
         }
-        let away = self.pieces[nearest.1 as usize].away(p) / distance_mm;
+        let away = self.pieces[nearest.1 as usize].away(p).normalize();
         share_beyond(beyond_mm, sides_mm(&away))
     }
 }
@@ -203,11 +223,15 @@ mod tests {
             let at = |m: u32, span: f64| f64::from((n * m) % 1013) / 1013.0 * span - 1.9;
             let p = Vector3::new(at(7, 7.0), at(13, 8.0), at(29, 4.5));
             let piece = n % 41;
-            let nearest = pieces[..piece as usize]
-                .iter()
-                .min_by(|a, b| a.squared(&p).total_cmp(&b.squared(&p)))
-                .map(|piece| piece.away(&p));
-            let brute = nearest.map_or(1.0, |away| share_beyond(away.norm() - 1.5, sides(&away.normalize())));
+            let reach_mm = |earlier: &MoveSegment| {
+                let between = &pieces[earlier.number as usize + 1..piece as usize];
+                let way_mm: f64 = between.iter().map(|piece| (piece.b - piece.a).norm()).sum();
+                if way_mm >= EARLIER_MM { 1.5 + THIN_MM } else { 1.5 }
+            };
+            let beyond =
+                |earlier: &MoveSegment| (earlier.away(&p).norm() - reach_mm(earlier), earlier.away(&p));
+            let nearest = pieces[..piece as usize].iter().map(beyond).min_by(|a, b| a.0.total_cmp(&b.0));
+            let brute = nearest.map_or(1.0, |(mm, away)| share_beyond(mm, sides(&away.normalize())));
             let share = covered.share_left(piece, &p, sides);
             assert!((share - brute).abs() < 1e-6, "{n}: {share}, {brute}");
             partly += usize::from(share > 0.0 && share < 1.0);

@@ -12,7 +12,7 @@ use super::super::carve::MoveSegment;
 use super::super::moves::Executed;
 
 /// Largest distance of a row from its piece, mm.
-const THIN_MM: f64 = 0.0005;
+pub const THIN_MM: f64 = 0.0005;
 /// Longest piece, mm.
 const LONGEST_MM: f64 = 2.0;
 /// Longest step, mm.
