@@ -6,30 +6,26 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_arm::Arm;
-use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
+use bonemill_case::{ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
 use bonemill_cutting::speed::Levels;
-use bonemill_geometry::{Base, Rigid, Work};
-use bonemill_robot::resolve::Posture;
-use bonemill_setup::armpath::{ArmMotion, Placed};
-use bonemill_setup::{Setup, Stopwatch};
-use bonemill_toolpath::access::ShankObstacles;
+use bonemill_setup::Stopwatch;
+use bonemill_setup::armpath::ArmMotion;
 use bonemill_toolpath::orientation::TurnTime;
 use bonemill_toolpath::path::RasterFrame;
-use bonemill_toolpath::scene::Scene;
-use bonemill_toolpath::space::BurrSpace;
 
 use super::PlanError;
 use super::bounds::Bounds;
 use super::choose::{Choices, Chosen};
 use super::compared::Compared;
 use super::in_time::Goal;
+use super::laid::Raster;
 use super::metrics::{self, Coverage};
 use super::move_limits::MoveLimits;
 use super::prepared::{Prepared, ShaftFreedom};
-use super::raster::{self, ChosenLines, LinesDraft, Raster};
+use super::raster::{self, ChosenLines, LinesDraft};
 use super::reference::{Reference, ReferencePath, Straight, StructureForces};
 use super::speeds::{self, Aim, JointMotion, SpeedInput, Timing};
+use super::start::Start;
 use super::tilt;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
@@ -48,17 +44,6 @@ const MOST_ROUNDS: usize = 5;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
-
-/// What every attempt at a case starts from.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Start<'a> {
-    pub case: &'a Case,
-    pub arm: &'a Arm,
-    pub scene: &'a Scene,
-    pub space: &'a BurrSpace<'a>,
-    pub solid: &'a ShankObstacles,
-    pub base_from_work: Rigid<Base, Work>,
-}
 
 /// A path with its axes, its motion and its speeds.
 pub(super) struct Attempt<'a> {
@@ -97,18 +82,6 @@ impl References {
 }
 
 impl<'a> Start<'a> {
-    /// A setup, with its free space and what its shank may not touch.
-    pub fn new(setup: &'a Setup, space: &'a BurrSpace<'a>, solid: &'a ShankObstacles) -> Self {
-        let Setup { case, arm, scene, .. } = setup;
-        Self { case, arm, scene, space, solid, base_from_work: setup.base_from_work() }
-    }
-
-    /// The arm where it stands, in a posture that the case allows.
-    pub fn placed(&self) -> Placed<'_> {
-        let posture = self.case.robot.branch.map_or(Posture::Any, Posture::Of);
-        Placed { arm: self.arm, base_from_work: &self.base_from_work, posture }
-    }
-
     /// A path along the lines that are chosen, with what is free on it.
     ///
     /// # Errors

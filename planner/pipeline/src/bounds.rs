@@ -230,7 +230,7 @@ mod tests {
     fn a_control_lowers_a_bound_and_next_to_nothing_counts_as_a_millinewton() {
         let (straight, plan) = (forces(&[[2.0, 0.1, 1.0]]), forces(&[[2.0, 1e-5, 1.0]]));
         let control = |forces: &StructureForces| Reference {
-            raster: super::super::raster::Raster {
+            raster: super::super::laid::Raster {
                 frame: bonemill_toolpath::path::RasterFrame::at_angle(0.0),
                 sense: bonemill_case::Sense::Both,
             },

@@ -128,7 +128,7 @@ impl Worse {
 
 #[cfg(test)]
 mod tests {
-    use super::super::raster::Raster;
+    use super::super::laid::Raster;
     use super::*;
     use bonemill_case::Sense;
     use bonemill_planfile::toward::TowardSpan;

@@ -13,7 +13,7 @@ use bonemill_toolpath::orientation::{Directions, FreeSets, TurnLimits, TurnPrice
 use rayon::prelude::*;
 
 use super::axis_cost::{AxisLevels, AxisPush, CostField, LevelTimes};
-use super::orient::FreeAxes;
+use super::free_axes::FreeAxes;
 
 /// Runs of the dynamic program until the factor is known.
 const FACTORS_TRIED: usize = 6;

@@ -8,7 +8,8 @@ use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 
 use super::attempt::Attempt;
 use super::reference::StructureForces;
-use super::rest::{self, RestCause};
+use super::rest::RestCause;
+use super::too_little::too_little;
 use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -25,7 +26,7 @@ impl Attempt<'_> {
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_some());
         let mut found: Vec<String> = target_outside(start.scene).into_iter().collect();
         found.extend(setup.registered.shortfalls(case));
-        found.extend(rest::too_little(case, start.scene, start.space, coverage)?);
+        found.extend(too_little(case, start.scene, start.space, coverage)?);
         found.extend(unreached(case, coverage, modelled.path.unjoined_passes));
         if let Some(missed) = missed {
             found.push(time_missed(missed, &self.compared.plan, &self.why_not_in(missed)?));

@@ -13,8 +13,10 @@ mod choose;
 mod compared;
 mod direction_sets;
 mod figures;
+mod free_axes;
 mod in_time;
 mod judged;
+mod laid;
 mod levels;
 mod metrics;
 mod modelled;
@@ -35,15 +37,18 @@ mod rows;
 mod sampled;
 mod save;
 mod sense;
+mod speed_levels;
 mod speeds;
 mod spin;
+mod start;
 mod tilt;
 mod time_reason;
+mod too_little;
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use attempt::{Attempt, Start};
+use attempt::Attempt;
 use bonemill_case::Case;
 use bonemill_cutting::cutter::Ball;
 use bonemill_geometry::Progress;
@@ -52,26 +57,28 @@ use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
 use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::space::BurrSpace;
+use start::Start;
 
 pub use bonemill_setup::PlanError;
 pub use choose::{Choices, Chosen};
 pub use compared::{Compared, JUDGED, Worse};
 pub use figures::Figures;
 pub use in_time::Goal;
-pub use levels::{Exceeded, SpeedLevels};
+pub use laid::Raster;
 pub use metrics::{Coverage, Volumes};
 pub use modelled::{AxisFacts, Modelled, PathFacts, SpeedFacts};
 pub use orient::{BlockedTurn, Oriented};
 pub use percent::{percent, rounded_percent};
 pub use plan::{Plan, PlanResults, PlannedMoves, ShankAccess};
 pub use prepared::{Prepared, with_prepared};
-pub use raster::{LinesDraft, Raster};
+pub use raster::LinesDraft;
 pub use reach::Dropped;
 pub use record::record;
 pub use reference::{Reference, StructureForces};
 pub use refused::{Refused, place};
 pub use rest::RestCause;
 pub use save::save;
+pub use speed_levels::{Exceeded, SpeedLevels};
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.
 ///

@@ -7,7 +7,7 @@ use bonemill_setup::armpath::{ArmFacts, path_limits};
 
 use super::attempt::Attempt;
 use super::raster::LinesDraft;
-use super::{PlanError, SpeedLevels, half_turn, levels};
+use super::{PlanError, SpeedLevels, half_turn, speed_levels};
 
 /// What was modelled where.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,7 +126,7 @@ impl Attempt<'_> {
 
     fn speed_facts(&self) -> Result<SpeedFacts, PlanError> {
         let (timing, near) = (&self.timing, &self.prepared.near);
-        let is_deflection = levels::is_deflection(self.prepared.start.case, &self.chosen);
+        let is_deflection = speed_levels::is_deflection(self.prepared.start.case, &self.chosen);
         let levels = timing.levels.as_ref().map(|found| {
             SpeedLevels::of(found, &self.demand.pushes, &timing.driven.driven_mm_s, near, is_deflection)
         });

@@ -20,9 +20,9 @@ use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::attempt::Start;
 use super::sampled::SampledForce;
 use super::speeds::JointMotion;
+use super::start::Start;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end: its middle, and one in the rounding of each
 /// of its corners, where the burr moves in a direction between those of two moves. A move that goes straight on begins with the force at

@@ -2,22 +2,22 @@
 
 use std::path::Path;
 
-use bonemill_case::{Case, OrientationMode, PathSpec};
+use bonemill_case::{Case, OrientationMode};
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_geometry::Progress;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
 use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};
-use bonemill_toolpath::path::{self, PathPoint, PathSpacing};
+use bonemill_toolpath::path::{self, PathPoint};
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;
-use super::attempt::Start;
 use super::direction_sets::{self, Finer};
-use super::raster::Raster;
+use super::laid::{Raster, feeds, spacing};
 use super::reach::{self, ReachSpec, ReachedPath};
+use super::start::Start;
 use super::{PlanError, tilt};
 
 /// Steps of a draft's directions are this many times as long, in a plane and over a cap.
@@ -191,12 +191,6 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// How close the path's layers, lines and waypoints are.
-pub(super) fn spacing(case: &Case) -> PathSpacing {
-    let PathSpec { layer_mm, stepover_mm, step_mm, .. } = case.path;
-    PathSpacing { layer_mm, stepover_mm, step_mm }
-}
-
 /// Prepares a case whose images are read from files beside `case_path`, and hands it to `work`.
 ///
 /// # Errors
@@ -212,15 +206,4 @@ pub fn with_prepared<R>(
     let space = super::free_space(&setup.case, &setup.scene)?;
     let solid = super::shank_obstacles(&setup.case, &setup.scene);
     work(&Start::new(&setup, &space, &solid).prepared(&mut watch)?)
-}
-
-/// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.
-pub(super) fn feeds(points: &[PathPoint]) -> Vec<Option<Unit<Vector3<f64>>>> {
-    let mut last = None;
-    let mut feeds = vec![None; points.len().min(1)];
-    for pair in points.windows(2) {
-        last = Unit::try_new(pair[1].position - pair[0].position, 1e-9).or(last);
-        feeds.push(last);
-    }
-    feeds
 }

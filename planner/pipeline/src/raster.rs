@@ -20,23 +20,22 @@ use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::access::Access;
 use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
 use bonemill_toolpath::orientation::{FreeSets, TurnTime};
-use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
+use bonemill_toolpath::path::{self, MillPath, MoveKind, PathSpacing, RasterFrame};
 use bonemill_toolpath::scene::{Class, Scene};
-use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::attempt::Start;
 use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::{Goal, best_under};
+use super::laid::{Raster, feeds};
 use super::levels;
-use super::prepared::{ShaftFreedom, feeds};
+use super::prepared::ShaftFreedom;
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::reference::StructureForces;
 use super::sampled::SampledForce;
-use super::sense::PassSense;
 use super::speeds::{self, Aim, PushedMoves};
+use super::start::Start;
 
 /// An angle from the grid's axes is rounded to this, rad, so that lines along an axis are exactly along it.
 const ANGLE_RAD: f64 = 1e-9;
@@ -48,33 +47,6 @@ const CLEARLY: f64 = 0.25;
 const MORE_UNREACHED: f64 = 0.01;
 /// Nor is one whose largest force is above that of the best straight shaft by this share, where another keeps it.
 const MORE_FORCE: f64 = 0.05;
-
-/// Lines of a path, as chosen.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Raster {
-    /// Their direction and order.
-    pub frame: RasterFrame,
-    /// In which sense they are cut.
-    pub sense: Sense,
-}
-
-impl Raster {
-    /// The path of a case along these lines.
-    ///
-    /// # Errors
-    /// When the tool, the material or the cost's weights are not usable.
-    pub(super) fn lay(
-        &self,
-        case: &Case,
-        scene: &Scene,
-        space: &BurrSpace,
-        spacing: PathSpacing,
-    ) -> Result<MillPath, PlanError> {
-        let sense = PassSense::new(case, scene, self.sense)?;
-        let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
-        Ok(lay_path(space, spacing, &Lines { frame: self.frame, sense: &is_reversed }))
-    }
-}
 
 /// The directions of lines that a case leaves open: the one that it gives, or along the target and across.
 pub(super) fn frames(case: &Case, scene: &Scene) -> Result<Vec<RasterFrame>, PlanError> {

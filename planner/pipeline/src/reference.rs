@@ -23,14 +23,13 @@ use bonemill_toolpath::path::{self, MoveKind};
 use nalgebra::Vector3;
 
 use super::PlanError;
-use super::attempt::Start;
+use super::laid::{Raster, feeds, spacing};
 use super::levels;
 use super::path_forces::{ForceWithin, ForcedPath, extremes_of_move, mean_of_move};
-use super::prepared::{feeds, spacing};
-use super::raster::Raster;
 use super::reach::lengths;
 use super::sampled::SampledForce;
 use super::speeds::{self, Aim, Driven, JointMotion, PushedMoves};
+use super::start::Start;
 
 /// Slowest constant speed of a control, as a share of the nominal speed.
 const SLOWEST_SHARE: f64 = 0.02;

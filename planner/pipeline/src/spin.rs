@@ -5,7 +5,8 @@ use bonemill_setup::Stopwatch;
 use bonemill_setup::registration::Registered;
 
 use super::PlanError;
-use super::attempt::{Attempt, Start};
+use super::attempt::Attempt;
+use super::start::Start;
 
 /// The case with its burr turning the other way, where it may and there is something to spare.
 pub(super) fn reversed(case: &Case) -> Option<Case> {
