@@ -182,7 +182,7 @@ fn no_figure_and_no_word_can_be_another() {
         ("tab_strength_over_force", "900.0", "`tab_strength_over_force` is 900.0, but"),
         ("volume_mm3", "1.0", "`volume_mm3` is 1.0, but 480.0 is found"),
         ("uncut_mm3", "0.0", "`uncut_mm3` is 0.0, but"),
-        ("tab_low_mm", "[-90.0, -90.0, -90.0]", "`block.tab_low_mm` is"),
+        ("tab_boxes_mm", "[[-90.0, -90.0, -90.0, 90.0, 90.0, 90.0]]", "`block.tab_boxes_mm[0]` is"),
         ("side_load", "0.7", "the digest in the last line is another"),
     ] {
         refused("job.toml", &figure(name, value), expected);

@@ -167,7 +167,7 @@ impl Mill<'_> {
         progress.stage("write program");
         let program = crate::program::write(&machining.moves, machining_job, &self.made_for(), &[]);
         progress.stage("prove program");
-        let proof_job = settings::proof(job, &machining_job.block, machining.tab_box);
+        let proof_job = settings::proof(job, &machining_job.block, &machining.tab_boxes);
         let proof = bonemill_verify::proof::prove(&program, &part, &proof_job)?;
         Ok(Milled { block_from_part: laid.block_from_part, part, machining, program, proof_job, proof })
     }
@@ -224,7 +224,7 @@ impl Trial {
 
     /// The job for the proof of a toolpath of it.
     pub fn proof_job(&self, job: &ProsthesisJob, machining: &Machining) -> ProofJob {
-        settings::proof(job, &self.machining.block, machining.tab_box)
+        settings::proof(job, &self.machining.block, &machining.tab_boxes)
     }
 }
 

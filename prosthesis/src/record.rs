@@ -35,8 +35,8 @@ pub struct JobRecord {
     pub block_id: String,
     /// The block.
     pub block: Block,
-    /// The box in which stock holds the part in the end.
-    pub tab_mm: [Vector3<f64>; 2],
+    /// The boxes in which stock holds the part in the end: lowest and highest corner.
+    pub tab_boxes_mm: Vec<[Vector3<f64>; 2]>,
     /// Figures by name.
     pub metrics: Vec<(String, Value)>,
     /// What the user should know.
@@ -87,15 +87,16 @@ impl JobRecord {
             rigid(at.rotation.matrix(), &at.translation_mm),
         );
         let _ = write!(out, "\n[result.inputs]\npart = \"{}\"\n", self.part_sha256);
+        let six = |[low, high]: &[Vector3<f64>; 2]| [low.as_slice(), high.as_slice()].concat();
+        let boxes: Vec<String> = self.tab_boxes_mm.iter().map(|of| list(&six(of))).collect();
         let _ = write!(
             out,
-            "\n[result.block]\nid = {}\nlow_mm = {}\nhigh_mm = {}\ngrip_mm = {:?}\ntab_low_mm = {}\ntab_high_mm = {}\n\n[result.metrics]\n",
+            "\n[result.block]\nid = {}\nlow_mm = {}\nhigh_mm = {}\ngrip_mm = {:?}\ntab_boxes_mm = [{}]\n\n[result.metrics]\n",
             text(&self.block_id),
             vector(&self.block.low_mm),
             vector(&self.block.high_mm),
             self.block.grip_mm,
-            list(self.tab_mm[0].as_slice()),
-            list(self.tab_mm[1].as_slice()),
+            boxes.join(", "),
         );
         for (name, value) in &self.metrics {
             let _ = writeln!(out, "{name} = {}", value.to_toml(name)?);
@@ -165,7 +166,7 @@ fn read(result: &DeTable<'_>, job: ProsthesisJob, is_as_written: bool) -> Result
         table.get(name).and_then(|v| as_number(v.get_ref())).filter(|v| v.is_finite()).ok_or(name)
     };
     let point = |table: &DeTable<'_>, name: &'static str| {
-        table.get(name).and_then(|v| triple(v.get_ref())).map(Vector3::from).ok_or(name)
+        table.get(name).and_then(|v| numbers::<3>(v.get_ref())).map(Vector3::from).ok_or(name)
     };
     let texts = |name: &'static str| {
         let items = result.get(name).and_then(|v| v.get_ref().as_array()).ok_or(name)?;
@@ -186,7 +187,7 @@ fn read(result: &DeTable<'_>, job: ProsthesisJob, is_as_written: bool) -> Result
             high_mm: point(block, "high_mm")?,
             grip_mm: number(block, "grip_mm")?,
         },
-        tab_mm: [point(block, "tab_low_mm")?, point(block, "tab_high_mm")?],
+        tab_boxes_mm: boxes(block).ok_or("tab_boxes_mm")?,
         metrics: Value::entries_of(table("metrics")?).ok_or("metrics")?,
         warnings: texts("warnings")?,
         shortfalls: texts("shortfalls")?,
@@ -194,18 +195,24 @@ fn read(result: &DeTable<'_>, job: ProsthesisJob, is_as_written: bool) -> Result
     })
 }
 
-fn triple(value: &DeValue<'_>) -> Option<[f64; 3]> {
+fn numbers<const N: usize>(value: &DeValue<'_>) -> Option<[f64; N]> {
     let numbers: Option<Vec<f64>> =
         value.as_array()?.iter().map(|v| as_number(v.get_ref()).filter(|n| n.is_finite())).collect();
     numbers?.try_into().ok()
 }
 
+fn boxes(block: &DeTable<'_>) -> Option<Vec<[Vector3<f64>; 2]>> {
+    let listed = block.get("tab_boxes_mm")?.get_ref().as_array()?;
+    let corners = |[a, b, c, d, e, f]: [f64; 6]| [Vector3::new(a, b, c), Vector3::new(d, e, f)];
+    listed.iter().map(|of| numbers(of.get_ref()).map(corners)).collect()
+}
+
 fn placed(table: &DeTable<'_>) -> Option<Rigid<BlockFrame, Part>> {
     let rows = table.get("rotation")?.get_ref().as_array()?;
-    let rows: Vec<[f64; 3]> = rows.iter().map(|row| triple(row.get_ref())).collect::<Option<_>>()?;
+    let rows: Vec<[f64; 3]> = rows.iter().map(|row| numbers(row.get_ref())).collect::<Option<_>>()?;
     let [a, b, c] = <[[f64; 3]; 3]>::try_from(rows).ok()?;
     let rotation = rotation_from_matrix(&Matrix3::from_rows(&[a.into(), b.into(), c.into()])).ok()?;
-    Some(Rigid::new(rotation, triple(table.get("translation_mm")?.get_ref())?.into()))
+    Some(Rigid::new(rotation, Vector3::from(numbers::<3>(table.get("translation_mm")?.get_ref())?)))
 }
 
 #[cfg(test)]
@@ -230,7 +237,7 @@ mod tests {
                 high_mm: Vector3::new(20.0, 8.0, 22.0),
                 grip_mm: 10.0,
             },
-            tab_mm: [Vector3::new(-1.0, -2.0, -3.0), Vector3::new(1.0, 2.0, 3.0)],
+            tab_boxes_mm: vec![[Vector3::new(-1.0, -2.0, -3.0), Vector3::new(1.0, 2.0, 3.0)]; 2],
             metrics: vec![("facets".into(), 20_i64.into()), ("total_time_s".into(), 61.25.into())],
             warnings: vec!["the mesh was repaired".into()],
             shortfalls: Vec::new(),

@@ -60,7 +60,7 @@ fn record_of(
         block_from_part: plan.block_from_part,
         block_id: plan.taken.mounted.id.clone(),
         block: plan.block,
-        tab_mm: plan.machining.tab_box,
+        tab_boxes_mm: plan.machining.tab_boxes.clone(),
         metrics: plan.metrics.clone(),
         warnings: plan.warnings.clone(),
         shortfalls: plan.shortfalls.clone(),

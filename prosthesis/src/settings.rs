@@ -27,8 +27,8 @@ pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> MachiningJob {
     }
 }
 
-/// The job for the proof, in plain numbers; `tab`: the box in which stock shall stay.
-pub(crate) fn proof(job: &ProsthesisJob, block: &Block, tab: [Vector3<f64>; 2]) -> ProofJob {
+/// The job for the proof, in plain numbers; `kept`: boxes in which stock shall stay.
+pub(crate) fn proof(job: &ProsthesisJob, block: &Block, kept: &[[Vector3<f64>; 2]]) -> ProofJob {
     let (t, p) = (&job.tool, &job.process);
     let level_mm = p.depth_of_cut * t.diameter_mm;
     ProofJob {
@@ -44,7 +44,7 @@ pub(crate) fn proof(job: &ProsthesisJob, block: &Block, tab: [Vector3<f64>; 2]) 
         clearance_mm: p.clearance_mm,
         flutes: t.flutes,
         sample_mm: SAMPLE_MM,
-        kept: vec![tab],
+        kept: kept.to_vec(),
     }
 }
 

@@ -52,7 +52,7 @@ impl ShownProsthesis {
         let part = read_part(&dir.join(PART))?;
         let moves = moves(&dir.join(TOOLPATH))?;
         progress.stage("prove program");
-        let job = settings::proof(&record.job, &record.block, record.tab_mm);
+        let job = settings::proof(&record.job, &record.block, &record.tab_boxes_mm);
         let proof = bonemill_verify::proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
         // the proof's last samples are the mesh's vertices
         let first = proof.samples.len().saturating_sub(part.vertices.len());

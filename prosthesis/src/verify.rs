@@ -97,7 +97,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     let record = JobRecord::read(dir)?;
     let (part, program) = (read_part(&dir.join(PART))?, read_text(&dir.join(PROGRAM))?);
     let (toolpath, trajectory_path) = (read_text(&dir.join(TOOLPATH))?, dir.join(TRAJECTORY));
-    let job = settings::proof(&record.job, &record.block, record.tab_mm);
+    let job = settings::proof(&record.job, &record.block, &record.tab_boxes_mm);
     let mut checks = vec![input_unchanged(&record, dir)?];
     let own = if checks[0].faults.is_empty() {
         let unit = record.job.part.unit.and_then(|word| word.parse().ok());
@@ -179,7 +179,7 @@ struct Cut<'a> {
 struct Follows {
     told: Told,
     /// The box around the tab, mm.
-    tab_mm: [Vector3<f64>; 2],
+    tab_boxes_mm: Vec<[Vector3<f64>; 2]>,
     /// Where the block would lie around the part.
     block: Stock,
 }
@@ -220,7 +220,7 @@ fn told(
     .told();
     Ok(Follows {
         told,
-        tab_mm: machining.tab_box,
+        tab_boxes_mm: machining.tab_boxes,
         block: block::around(&record.job, &mounted, &chosen.size_mm),
     })
 }
@@ -316,12 +316,17 @@ fn same_record(record: &JobRecord, found: &Follows) -> FolderCheck {
     }
     let block = &record.block;
     let off_mm = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).amax() > SAME_MM;
-    for (key, stated, is) in [
-        ("tab_low_mm", record.tab_mm[0], found.tab_mm[0]),
-        ("tab_high_mm", record.tab_mm[1], found.tab_mm[1]),
-        ("low_mm", block.low_mm, found.block.low_mm),
-        ("high_mm", block.high_mm, found.block.high_mm),
-    ] {
+    let boxes = || record.tab_boxes_mm.iter().zip(&found.tab_boxes_mm);
+    let is_same = |(a, b): (&[Vector3<f64>; 2], &[Vector3<f64>; 2])| !(0..2).any(|n| off_mm(&a[n], &b[n]));
+    let same = boxes().take_while(|pair| is_same(*pair)).count();
+    if same < record.tab_boxes_mm.len().max(found.tab_boxes_mm.len()) {
+        let of = |list: &[[Vector3<f64>; 2]]| list.get(same).map_or("nothing".into(), |at| format!("{at:?}"));
+        let [stated, is] = [of(&record.tab_boxes_mm), of(&found.tab_boxes_mm)];
+        faults.push(format!("`block.tab_boxes_mm[{same}]` is {stated}, but {is} is found"));
+    }
+    for (key, stated, is) in
+        [("low_mm", block.low_mm, found.block.low_mm), ("high_mm", block.high_mm, found.block.high_mm)]
+    {
         if off_mm(&stated, &is) {
             faults.push(format!(
                 "`block.{key}` is {:?}, but {:?} is found",

@@ -21,7 +21,7 @@ use nalgebra::Vector3;
 fn proven(part: &Mesh<Block>, job: &MachiningJob) -> (Machining, Proof, bonemill_verify::proof::ProofJob) {
     let planned = plan(part, job).unwrap();
     let text = write(&planned.moves, job, "a test", &[]);
-    let proof_job = proof_job(job, vec![planned.tab_box]);
+    let proof_job = proof_job(job, planned.tab_boxes.clone());
     let proof = prove(&text, part, &proof_job).unwrap();
     (planned, proof, proof_job)
 }
@@ -165,6 +165,29 @@ fn a_corner_that_the_cutter_is_too_wide_for_is_told_with_its_volume() {
 }
 
 #[test]
+fn a_corner_beside_the_tab_is_told_like_any_other() {
+    let outer = [[-6.0, 4.5], [-6.0, -4.5], [6.0, -4.5]];
+    let inner = [[-3.0, 4.5], [-3.0, -1.5], [6.0, -1.5]];
+    let part = bent(&inner, &outer, 3.0);
+    let job = quick(&part, EndMill { radius_mm: 1.6, ..flat() });
+    let (planned, proof, proof_job) = proven(&part, &job);
+    is_clean(&proof, &job);
+    let low = planned.tab_boxes.iter().fold(Vector3::repeat(f64::INFINITY), |low, of| low.inf(&of[0]));
+    let high = planned.tab_boxes.iter().fold(-low, |high, of| high.sup(&of[1]));
+    // the box around all of the tab's boxes holds the corner, none of them does
+    assert!(low.x < -3.0 && high.x > -3.0 && low.z < -1.5 && high.z > -1.5, "{:?}", planned.tab_boxes);
+    let expected_mm = (2f64.sqrt() - 1.0) * 1.6;
+    assert!((proof.thickest_uncut_mm - expected_mm).abs() < 0.03, "{}", proof.thickest_uncut_mm);
+    let places = proof.uncut(0.3, &proof_job);
+    assert!(
+        !places.is_empty() && places.iter().all(|p| (p.at_mm.x + 3.0).hypot(p.at_mm.z + 1.5) < 1.0),
+        "{places:?}"
+    );
+    // beside the tab nothing thick is left: its boxes hold all that it keeps
+    assert_eq!(planned.left.len(), 1, "{:?}", planned.left);
+}
+
+#[test]
 fn a_cutter_that_is_tiny_for_its_block_is_refused_with_what_would_do() {
     let part = plate_with_hole(6.0);
     let mut job = quick(&part, EndMill { radius_mm: 0.1, ..flat() });
@@ -194,7 +217,7 @@ fn side_b_is_turned_to_the_way_that_the_rotary_axis_reaches() {
         assert_eq!(planned.warnings, [], "{range_deg:?}");
         let text = write(&planned.moves, &job, "a test", &[]);
         assert!(text.contains(&format!("G0 {a_deg}.000\n")), "{range_deg:?}");
-        let proof = prove(&text, &part, &proof_job(&job, vec![planned.tab_box])).unwrap();
+        let proof = prove(&text, &part, &proof_job(&job, planned.tab_boxes.clone())).unwrap();
         is_clean(&proof, &job);
     }
 }

@@ -4,6 +4,8 @@
 //! until the contour; the tab, ever. What the contour would cut off from the grip is milled away like the channel around the part, so that it does not come
 //! loose under the cutter ([`Part::loose`]).
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 
 use crate::machining::envelope::Envelope;
@@ -31,6 +33,8 @@ pub(crate) struct Part {
     pub milled_mm: Vec<f64>,
 }
 
+/// A place is out of reach by at least so many cells.
+const BEYOND_CELLS: f64 = 0.05;
 /// A frame beside the channel that is thinner than this holds nothing, mm. Assumed.
 const HOLDS_MM: f64 = 0.5;
 
@@ -102,38 +106,76 @@ impl Part {
             && v > self.tab.at[1] - 0.5 * self.tab.length_mm
     }
 
-    /// The box around the tab and what the cutter leaves beside it, block's frame, mm.
-    pub fn tab_box(&self, job: &MachiningJob) -> [Vector3<f64>; 2] {
-        let beside = 0.5 * self.tab.length_mm + job.tool.diameter_mm();
-        let (low, high) = (job.block.low_mm, job.block.high_mm);
-        let z = -self.tab.at[1];
-        [
-            Vector3::new(self.tab.at[0] - beside, low.y, z - beside),
-            Vector3::new(self.tab.at[0] + beside, high.y, z + 0.5 * self.tab.length_mm + job.tool.radius_mm),
-        ]
+    /// Boxes of the stock that the tab keeps on the part's outline, its own and what the cutter cannot take beside it; side by side along u,
+    /// block's frame, mm. Stock that would stay without the tab as well does not count.
+    pub fn tab_boxes(&self, job: &MachiningJob) -> Vec<[Vector3<f64>; 2]> {
+        let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
+        let tab: Vec<bool> =
+            (0..raster.len()).map(|cell| self.is_tab(cell) && !self.envelope.holds(cell)).collect();
+        let centres: Vec<_> = (0..raster.len()).filter(|n| tab[*n]).map(|n| raster.centre_of(n)).collect();
+        let from_tab = NearestPoints::of(raster, &centres);
+        let without = self.reached(job, |_| true);
+        let beside = self.reached(job, |cell| from_tab.distance_mm[cell] >= radius_mm);
+        let reach_mm = radius_mm + BEYOND_CELLS * raster.pitch_mm;
+        let margin_mm = 2.0 * raster.pitch_mm;
+        // outside the part on its outline; within it on a bevel
+        let is_kept = |cell: &usize| {
+            let is_beside = without.distance_mm[*cell] <= reach_mm && beside.distance_mm[*cell] > reach_mm;
+            if self.envelope.holds(*cell) {
+                from_tab.distance_mm[*cell] <= radius_mm
+            } else {
+                (tab[*cell] || is_beside) && self.nearest.distance_mm[*cell] <= margin_mm
+            }
+        };
+        let mut boxes: BTreeMap<i64, [Vector3<f64>; 2]> = BTreeMap::new();
+        for cell in (0..raster.len()).filter(is_kept) {
+            let [u, v] = raster.centre_of(cell);
+            let [low, high] =
+                self.strip.heights.get(self.nearest.point[cell] as usize).copied().unwrap_or([0.0; 2]);
+            let around = Vector3::new(margin_mm, margin_mm + job.tool.corner_radius_mm, margin_mm);
+            let (low, high) = (Vector3::new(u, low, -v) - around, Vector3::new(u, high, -v) + around);
+            let found = boxes.entry((u / (0.5 * radius_mm)).floor() as i64).or_insert([low, high]);
+            *found = [found[0].inf(&low), found[1].sup(&high)];
+        }
+        boxes.into_values().collect()
+    }
+
+    /// The way from each cell to the nearest place of the axis at which the cutter touches an outline, or is kept from it by what is not `free`.
+    fn reached(&self, job: &MachiningJob, free: impl Fn(usize) -> bool) -> NearestPoints {
+        let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
+        let is_free = |cell: usize| self.is_free(cell, radius_mm) && free(cell);
+        let is_edge = |cell: &usize| {
+            is_free(*cell) && raster.neighbours(*cell).into_iter().flatten().any(|next| !is_free(next))
+        };
+        // from the cell's centre toward the outline, to where the cutter touches it, unless something else keeps it from there
+        let touching = |cell: usize| {
+            let (at, outline) =
+                (raster.centre_of(cell), self.strip.points[self.nearest.point[cell] as usize]);
+            let share = 1.0 - radius_mm / self.nearest.distance_mm[cell];
+            let share =
+                if self.nearest.distance_mm[cell] < radius_mm + 2.0 * raster.pitch_mm { share } else { 0.0 };
+            [0, 1].map(|n| at[n] + share * (outline[n] - at[n]))
+        };
+        let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
+        NearestPoints::of(raster, &edge)
+    }
+
+    /// Whether the cutter's axis may stand in a cell, as far as the part is concerned.
+    fn is_free(&self, cell: usize, radius_mm: f64) -> bool {
+        !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm
     }
 
     /// Stock beside the part's outlines that no place of the axis reaches: in corners that are sharper than the cutter is round.
     pub fn corners(&self, job: &MachiningJob) -> Vec<Leftover> {
         let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
-        let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
-        let is_edge = |cell: &usize| {
-            is_free(*cell) && raster.neighbours(*cell).into_iter().flatten().any(|next| !is_free(next))
-        };
-        // from the cell's centre toward the outline, to where the cutter touches it
-        let touching = |cell: usize| {
-            let (at, outline) =
-                (raster.centre_of(cell), self.strip.points[self.nearest.point[cell] as usize]);
-            let share = 1.0 - radius_mm / self.nearest.distance_mm[cell];
-            [0, 1].map(|n| at[n] + share * (outline[n] - at[n]))
-        };
-        let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
-        let reached = NearestPoints::of(raster, &edge);
+        let reached = self.reached(job, |_| true);
         // a place counts where it is clearly out of reach, and then as far as it is at all: along an outline the touching places are a cell apart
-        let [beyond_mm, clearly_mm] = [0.05, 0.25].map(|cells| radius_mm + cells * raster.pitch_mm);
+        let [beyond_mm, clearly_mm] = [BEYOND_CELLS, 0.25].map(|cells| radius_mm + cells * raster.pitch_mm);
         let rim = |cell: usize| self.strip.rims.get(self.nearest.point[cell] as usize).copied();
         let is_left = |cell: usize| {
-            !self.envelope.holds(cell) && !is_free(cell) && reached.distance_mm[cell] > beyond_mm
+            !self.envelope.holds(cell)
+                && !self.is_free(cell, radius_mm)
+                && reached.distance_mm[cell] > beyond_mm
         };
         let mut seen = vec![false; raster.len()];
         let clear =

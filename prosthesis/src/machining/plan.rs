@@ -35,8 +35,8 @@ pub struct Machining {
     pub left: Vec<Leftover>,
     /// What holds the part.
     pub strip: StripStrength,
-    /// The box around the tab, in which stock shall stay on the part: lowest and highest corner, block's frame, mm.
-    pub tab_box: [nalgebra::Vector3<f64>; 2],
+    /// Boxes in which the tab keeps stock on the part: lowest and highest corner, block's frame, mm.
+    pub tab_boxes: Vec<[nalgebra::Vector3<f64>; 2]>,
     /// How long it takes.
     pub times: Times,
     /// What the user must know.
@@ -203,7 +203,7 @@ fn assessed(
         moves,
         left,
         strip: part.strip.strength(job),
-        tab_box: part.tab_box(job),
+        tab_boxes: part.tab_boxes(job),
         times,
         warnings,
     })
