@@ -51,9 +51,6 @@ const KEYS: [Choices; COUNT] = [
     &[("[images]", "preset = \"paper\"\n[images]")],
 ];
 
-/// Those of them that choose by sums over structures: orientation's mode, the cost's objective, the preset.
-const BY_SUMS: [usize; 3] = [0, 4, 8];
-
 /// A simulated peak may exceed the stated one by this share and this much, N: the simulation's lattice.
 const PEAK: [f64; 2] = [0.1, 0.1];
 /// Volumes agree to this share and this much, mm³: the simulation's cells.
@@ -120,15 +117,10 @@ impl RandomCase {
         }
     }
 
-    /// How many of the figures a twin must have, in the order of [`Figures::differ`]. Of a structure in two parts the push toward the
-    /// farther one counts, too, so that peaks are others; where the cost adds up over structures, axes and times are as well.
-    fn figures_of_twin(self) -> usize {
-        let is_split = self.body.nerve[0] > 0 && self.body.turn[0] % 4 == 1;
-        match (is_split, BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))) {
-            (false, _) => 3,
-            (true, false) => 2,
-            (true, true) => 1,
-        }
+    /// Whether the twin is another task: of a structure in two parts the push toward the farther one counts, too, so that lines, axes and
+    /// times may be others.
+    fn twin_is_other_task(self) -> bool {
+        self.body.nerve[0] > 0 && self.body.turn[0] % 4 == 1
     }
 
     /// Where programs disagree; empty where they agree.
@@ -144,7 +136,7 @@ impl RandomCase {
                 Vec::new()
             }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            (Some(figures), Some(twin)) => figures.differ(&twin, self.figures_of_twin()),
+            (Some(figures), Some(twin)) if !self.twin_is_other_task() => figures.differ(&twin),
             _ => Vec::new(),
         }
     }
@@ -165,8 +157,8 @@ impl RandomCase {
 }
 
 impl Figures {
-    /// Which of the first `count` figures differ from a twin's.
-    fn differ(&self, twin: &Self, count: usize) -> Vec<String> {
+    /// What differs from a twin.
+    fn differ(&self, twin: &Self) -> Vec<String> {
         let [near, peaks] = TWINS;
         let all = [
             ("removed_mm3", self.removed_mm3, twin.removed_mm3, near),
@@ -175,7 +167,6 @@ impl Figures {
         ];
         let differs = |(_, a, b, share): &(&str, f64, f64, f64)| (a - b).abs() > share * a.max(*b) + 0.05;
         all.iter()
-            .take(count)
             .filter(|of| differs(of))
             .map(|(name, a, b, _)| format!("{name} {a:.4}, of its twin {b:.4}"))
             .collect()

@@ -22,7 +22,7 @@ pub struct NearStructure {
     pub structure: usize,
     /// Direction, distance and least distance.
     pub proximity: Proximity,
-    /// The direction at the waypoint before, where it jumps within the move.
+    /// Where the direction jumps within the move, that to the part which was the nearest at the waypoint before.
     pub before: Option<Unit<Vector3<f64>>>,
 }
 
@@ -124,18 +124,25 @@ pub fn along(
     let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
     let within = |center: &Point<Work>| structures_within(scene, &clearances_mm, radius_mm, *center);
     let mut near: Vec<_> = centers.par_iter().map(within).collect::<Result<_, _>>()?;
-    find_jumps(&mut near);
+    find_jumps(&mut near, centers);
     Ok(near)
 }
 
 /// Finds where the direction to a structure jumps from one waypoint to the next.
-fn find_jumps(near: &mut [Vec<NearStructure>]) {
+fn find_jumps(near: &mut [Vec<NearStructure>], centers: &[Point<Work>]) {
     for i in 1..near.len() {
         let [before, here] = &mut near[i - 1..=i] else { continue };
         for n in here {
-            let same = before.iter().find(|other| other.structure == n.structure);
-            let jumps = same.filter(|other| other.proximity.toward.angle(&n.proximity.toward) > JUMP_RAD);
-            n.before = jumps.map(|other| other.proximity.toward);
+            let same = before.iter().map(|other| (other.structure, &other.proximity));
+            let same =
+                same.filter(|(structure, _)| *structure == n.structure).map(|(_, proximity)| proximity);
+            let jumps = same.filter(|other| other.toward.angle(&n.proximity.toward) > JUMP_RAD);
+            // the nearest point of the waypoint before, seen from here
+            let seen = |other: &Proximity| {
+                let point = centers[i - 1].coords + other.toward.into_inner() * other.distance_mm;
+                Unit::try_new(point - centers[i].coords, 1e-9)
+            };
+            n.before = jumps.filter_map(seen).next();
         }
     }
 }
@@ -169,9 +176,12 @@ mod tests {
             NearStructure::new(structure, Proximity::new(to_nearest, 3.5).unwrap())
         };
         let mut path = vec![vec![near(0, 0.0)], vec![near(0, 0.05)], vec![near(1, 1.0), near(0, 0.25)]];
-        find_jumps(&mut path);
+        let centers = [0.0, 0.0, 1.0].map(|y| Point::new(0.0, y, 0.0));
+        find_jumps(&mut path, &centers);
         assert!(path[0][0].before.is_none() && path[1][0].before.is_none() && path[2][0].before.is_none());
-        assert_eq!(path[2][1].before, Some(path[1][0].proximity.toward));
+        // the part that was the nearest, from where the burr is now
+        let to_before = Vector3::new(4.0 * 0.05f64.cos(), 4.0 * 0.05f64.sin() - 1.0, 0.0);
+        assert!(path[2][1].before.unwrap().angle(&to_before) < 1e-9);
         let both = NearStructure::in_both_directions(&path[2]);
         assert_eq!(both.iter().map(|n| n.structure).collect::<Vec<_>>(), [1, 0, 0]);
         let force = Vector3::new(1.0, -0.5, 0.0);

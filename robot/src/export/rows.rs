@@ -181,7 +181,7 @@ impl<'a> ExportRows<'a> {
         let (t0, span_s) = (self.time_s[first], self.time_s[last] - self.time_s[first]);
         let mut q = vec![0.0; dof];
         let mut worst_mm = 0f64;
-        for (around, time_s) in places[first..=last].windows(3).zip(&self.time_s[first + 1..]) {
+        for (row, time_s) in self.time_s.iter().enumerate().take(last).skip(first + 1) {
             let u = (time_s - t0) / span_s;
             for (j, q) in q.iter_mut().enumerate() {
                 *q = match between {
@@ -189,7 +189,7 @@ impl<'a> ExportRows<'a> {
                     Between::Cubic => cubic([q0[j], q1[j]], [qd0[j] * span_s, qd1[j] * span_s], u),
                 };
             }
-            worst_mm = worst_mm.max(aside(around, &burr(arm, &q)?));
+            worst_mm = worst_mm.max(off_path_mm(places, row, &burr(arm, &q)?));
         }
         Ok(worst_mm)
     }
@@ -259,6 +259,8 @@ impl<'a> ExportRows<'a> {
 /// How many lags back an arm that follows late is looked for on its path, and at every how manieth row.
 const LATE_LAGS: f64 = 6.0;
 const LATE_EVERY: usize = 5;
+/// Most rows by which a place may be early or late along the path; where the burr rests, all are alike.
+const MOST_FOLLOWED: usize = 1000;
 
 /// Distance of a point from the segment between two places, mm.
 fn from_segment_mm(ends: &[Point<Base>], there: &Point<Base>) -> f64 {
@@ -271,11 +273,19 @@ fn burr(arm: &Arm, q: &[f64]) -> Result<Point<Base>, RobotError> {
     Ok(Point::from_coords(arm.burr(q)?.translation_mm))
 }
 
-/// Distance of a point from the line through the middle one of three places along the chord of the outer two, mm.
-fn aside(around: &[Point<Base>], there: &Point<Base>) -> f64 {
-    let (way, off) = (around[2] - around[0], *there - around[1]);
-    let share = if way.norm_squared() > 0.0 { off.dot(&way) / way.norm_squared() } else { 0.0 };
-    (off - way * share).norm()
+/// Distance of a point from the way through some places near one of them, mm: from there it is followed as long as it does not go farther away.
+fn off_path_mm(places: &[Point<Base>], near: usize, there: &Point<Base>) -> f64 {
+    let off_mm = |n: usize| places.get(n..n + 2).map(|ends| from_segment_mm(ends, there));
+    let follow = |from: usize, next: fn(usize) -> Option<usize>| {
+        let (mut at, mut least_mm) = (from, off_mm(from).unwrap_or(f64::INFINITY));
+        for _ in 0..MOST_FOLLOWED {
+            let nearer = next(at).and_then(|n| Some((n, off_mm(n)?))).filter(|of| of.1 <= least_mm);
+            let Some(found) = nearer else { break };
+            (at, least_mm) = found;
+        }
+        least_mm
+    };
+    follow(near, |n| n.checked_add(1)).min(follow(near.saturating_sub(1), |n| n.checked_sub(1)))
 }
 
 /// The cubic between two values with the given slopes per whole step.
@@ -304,17 +314,35 @@ mod tests {
             let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, stride).unwrap();
             rows.deviation_mm(&arm, between).unwrap().0
         };
-        for stride in [10, 50, 100] {
+        for stride in [100, 200, 400] {
             let span = 0.002 * stride as f64;
             let sagitta = 5.0 * (1.0 - (0.5 * span).cos());
             let straight = off(stride, Between::Straight);
             assert!((straight / sagitta - 1.0).abs() < 1e-3, "{straight} for {sagitta}");
-            // Hermite: q⁗ span⁴/384
+            // Hermite: q⁗ span⁴/384; the sampled way itself is 5 · 0.002²/8 off the circle
             let most = 5.0 * span.powi(4) / 384.0;
             let cubic = off(stride, Between::Cubic);
-            assert!(cubic < 1.1 * most && cubic > 0.5 * most, "{cubic} for {most}");
+            assert!(cubic < 1.1 * most + 2.5e-6 && cubic > 0.5 * most, "{cubic} for {most}");
         }
         assert_eq!(off(1, Between::Straight), 0.0);
+    }
+
+    #[test]
+    fn a_cubic_that_goes_past_the_end_of_a_way_leaves_it() {
+        // along x to a stop within 0.02 s, then up; rows only before and behind the stop
+        let arm = Arm::bone_attached().unwrap();
+        let time_s: Vec<f64> = (0..=100).map(|k| f64::from(k) * 0.002).collect();
+        let at = |t: f64| [5.0 * t.min(0.1), 0.0, 5.0 * (t - 0.12).max(0.0), 0.0];
+        let speeds = |t: f64| [if t < 0.1 { 5.0 } else { 0.0 }, 0.0, if t > 0.12 { 5.0 } else { 0.0 }, 0.0];
+        let q: Vec<f64> = time_s.iter().flat_map(|t| at(*t)).collect();
+        let qd: Vec<f64> = time_s.iter().flat_map(|t| speeds(*t)).collect();
+        let mut rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
+        rows.kept = vec![0, 49, 55, 100];
+        let off_mm = rows.deviation_mm(&arm, Between::Cubic).unwrap().0;
+        // past x = 0.5 mm by the greatest value of the cubic from 0.49 at 5 mm/s to 0.5 at rest within 0.012 s
+        let past = |u: f64| cubic([0.49, 0.5], [0.06, 0.0], u) - 0.5;
+        let most = (0..=1000).map(|n| past(f64::from(n) / 1000.0)).fold(0.0, f64::max);
+        assert!(most > 2e-3 && (off_mm / most - 1.0).abs() < 0.2, "{off_mm} for {most}");
     }
 
     #[test]

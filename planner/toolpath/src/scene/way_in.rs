@@ -151,19 +151,40 @@ pub(super) fn approach(
 }
 
 impl WayIn {
-    /// `None` where the burr finds no place at the target.
+    /// On a map as coarse as the burr allows, or on finer ones where the burr finds no place at the target; `None` where it finds none on the CT's
+    /// own voxels.
     ///
     /// # Errors
     /// When a distance field cannot be computed.
     pub fn new(
         spec: &SceneSpec,
         tool: &WayInTool,
+        target: (&[Point<Ct>], &Region),
+        structures: &[SceneStructure],
+    ) -> Result<Option<Self>, SceneError> {
+        let [finest, coarsest] = SPACING_MM;
+        let first_mm = (0.5 * spec.tool.cutter_radius_mm).clamp(finest, coarsest);
+        for spacing_mm in [first_mm, 0.5 * first_mm, 0.0] {
+            let found = Self::on_map(spec, tool, target, structures, spacing_mm)?;
+            if found.is_some() {
+                return Ok(found);
+            }
+        }
+        Ok(None)
+    }
+
+    /// On a map of about this spacing, mm.
+    fn on_map(
+        spec: &SceneSpec,
+        tool: &WayInTool,
         (target, around): (&[Point<Ct>], &Region),
         structures: &[SceneStructure],
+        spacing_mm: f64,
     ) -> Result<Option<Self>, SceneError> {
         let radius_mm = spec.tool.cutter_radius_mm;
         let length_mm = spec.tool.shank_length_mm;
-        let holds = coarse(spec, (target, around), length_mm + spec.tool.shank_radius_mm)?;
+        let reach_mm = length_mm + spec.tool.shank_radius_mm;
+        let holds = coarse(spec, (target, around), reach_mm, spacing_mm)?;
         cancel::poll();
         let widest_mm = spec.tool.shank_radius_mm.max(radius_mm);
         let mut solid = holds.map(|h| *h == Holds::Solid);
@@ -396,11 +417,12 @@ fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.dot(b).clamp(-1.0, 1.0).acos()
 }
 
-/// The scan around the target as far as a line goes, coarsely, along the CT's own voxels.
+/// The scan around the target as far as a line goes, along the CT's own voxels; coarser than asked for where these are too many.
 fn coarse(
     spec: &SceneSpec,
     (drawn, around): (&[Point<Ct>], &Region),
     reach_mm: f64,
+    mut spacing_mm: f64,
 ) -> Result<Volume<Holds, Ct>, SceneError> {
     let ct = spec.ct.grid();
     let (dims, spacing) = (ct.dims(), ct.spacing_mm());
@@ -412,19 +434,17 @@ fn coarse(
     let bound = |v: f64, a: usize| v.round().clamp(0.0, dims[a] as f64 - 1.0) as usize;
     let first: [usize; 3] = std::array::from_fn(|a| bound(lo[a] - reach_mm / spacing[a], a));
     let last: [usize; 3] = std::array::from_fn(|a| bound(hi[a] + reach_mm / spacing[a], a));
-    let [finest, coarsest] = SPACING_MM;
-    let mut wanted_mm = (0.5 * spec.tool.cutter_radius_mm).clamp(finest, coarsest);
     let mut apart = [1; 3];
     let mut size = [1; 3];
     loop {
         for a in 0..3 {
-            apart[a] = ((wanted_mm / spacing[a]).round() as usize).max(1);
+            apart[a] = ((spacing_mm / spacing[a]).round() as usize).max(1);
             size[a] = (last[a] - first[a] + 1).div_ceil(apart[a]);
         }
         if size.iter().map(|n| *n as f64).product::<f64>() <= MOST_VOXELS {
             break;
         }
-        wanted_mm *= 1.25;
+        spacing_mm = (1.25 * spacing_mm).max(spacing.min());
     }
     // a coarse voxel stands at the middle of its voxels
     let middle: [f64; 3] = std::array::from_fn(|a| first[a] as f64 + 0.5 * (apart[a] as f64 - 1.0));
