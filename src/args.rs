@@ -263,7 +263,7 @@ pub struct ExportArgs {
     /// gcode: write links as G0; only for a machine that drives G0 along a straight line
     #[arg(long)]
     pub rapid: bool,
-    /// Export a plan without a passed verification or a registration; names and heads of the files say so
+    /// Export a plan without a passed verification or a registration; the files' names say so, and their heads where the format has comments
     #[arg(long)]
     pub unverified: bool,
 }
@@ -294,24 +294,30 @@ pub struct VerifyArgs {
     pub errors: ErrorArgs,
 }
 
+/// A number that is not negative.
+fn not_negative(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| value.is_finite() && *value >= 0.0);
+    value.ok_or_else(|| "expected a number of at least 0".into())
+}
+
 /// Standard deviations of the errors. The defaults are assumed.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Errors to draw (with --samples)")]
 pub struct ErrorArgs {
     /// Standard deviation of the registration along each axis, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.3, requires = "samples")]
+    #[arg(long, value_parser = not_negative, value_name = "MM", default_value_t = 0.3, requires = "samples")]
     pub registration_mm: f64,
     /// Standard deviation of the registration about each axis through the middle of the path, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.3, requires = "samples")]
+    #[arg(long, value_parser = not_negative, value_name = "DEG", default_value_t = 0.3, requires = "samples")]
     pub registration_deg: f64,
     /// Standard deviation of each structure's boundary, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.15, requires = "samples")]
+    #[arg(long, value_parser = not_negative, value_name = "MM", default_value_t = 0.15, requires = "samples")]
     pub boundary_mm: f64,
     /// Standard deviation of the density, as a share
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, requires = "samples")]
+    #[arg(long, value_parser = not_negative, value_name = "SHARE", default_value_t = 0.1, requires = "samples")]
     pub density_share: f64,
     /// Standard deviation of the cutting coefficients, as a share
-    #[arg(long, value_name = "SHARE", default_value_t = 0.25, requires = "samples")]
+    #[arg(long, value_parser = not_negative, value_name = "SHARE", default_value_t = 0.25, requires = "samples")]
     pub k_share: f64,
     /// Probability with which every structure must stay untouched
     #[arg(long, value_name = "P", default_value_t = 0.95, requires = "samples")]

@@ -135,6 +135,12 @@ fn files(
         ExportFormat::Ros => {
             without_holds(plan, "a ROS trajectory")?;
             notes.push("It does not switch the spindle.".into());
+            if args.rate_hz.is_none() {
+                notes.push(format!(
+                    "The burr stays within {LEFT_OUT_MM} mm of the plan's motion, whether positions are interpolated linearly or by cubics \
+                     with the velocities."
+                ));
+            }
             let rows = rows(plan, args.rate_hz, ROS_RATE_HZ, &[Between::Straight, Between::Cubic])?;
             let (mut json, mut yaml) = (Vec::new(), Vec::new());
             write_ros_json(&mut json, &rows)?;

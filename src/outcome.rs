@@ -72,14 +72,14 @@ impl Outcome {
         let m = &record.metrics;
         let share = |name| percent(m.number(name).unwrap_or(0.0));
         let text = format!(
-            "wrote {}\nremoved {:.1} mm³: {} of the {:.1} mm³ that the burr can reach, {} of the target's {:.1} mm³; {:.0} s of \
+            "wrote {}\nremoved {:.1} mm³ of the target's {:.1} mm³ ({}), and {} of the {:.1} mm³ that the burr can reach; {:.0} s of \
              milling\n",
             out.display(),
             m.removed_mm3,
+            m.target_mm3,
+            share("removed_share"),
             share("reached_share"),
             m.reachable_mm3,
-            share("removed_share"),
-            m.target_mm3,
             m.total_time_s
         );
         let text = record.channel().map_or(text, |channel| channel_text(out, record, &channel));

@@ -57,7 +57,14 @@ fn draw(seed: u64, staged: &StagedDirectory) -> anyhow::Result<(ProsthesisJob, P
 pub fn verify_folder(dir: &Path, all: bool, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     progress.expect(bonemill_prosthesis::VERIFY_STAGES);
     let failed = || format!("the prosthesis in {} cannot be verified", dir.display());
-    let verdict = verify::verify(dir, progress).with_context(failed)?;
+    let verdict = match verify::verify(dir, progress) {
+        Ok(verdict) => verdict,
+        // a verdict on what stood here before would be read as one on this
+        Err(error) => {
+            let _ = fs::remove_file(dir.join("verification.toml"));
+            return Err(error).with_context(failed);
+        }
+    };
     replace(dir, "verification.toml", verdict.to_toml().as_bytes())?;
     Ok(Outcome::judged(&dir.join("verification.toml"), &verdict, all))
 }

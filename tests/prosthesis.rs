@@ -167,6 +167,9 @@ fn no_figure_and_no_word_can_be_another() {
         let verified = bonemill(folder.path(), "verify out");
         assert!([Some(1), Some(2)].contains(&verified.status.code()), "{expected}: {}", said(&verified));
         assert!(said(&verified).contains(expected), "{expected}: {}", said(&verified));
+        // no verdict of before stands there
+        let verdict = fs::read_to_string(out.join("verification.toml")).unwrap_or_default();
+        assert!(!verdict.contains("passed = true"), "{expected}: {verdict}");
         fs::write(out.join(name), before).unwrap();
     };
     let job = fs::read_to_string(out.join("job.toml")).unwrap();

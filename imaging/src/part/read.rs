@@ -159,7 +159,7 @@ fn stl_text(bytes: &[u8]) -> Option<String> {
     Some(format!("solid part\n{}", &rest[start..]))
 }
 
-/// Text in UTF-8 or, behind its mark, in UTF-16; without the mark.
+/// Text in UTF-8 or, behind its mark or with the letters of `solid`, in UTF-16; without the mark.
 fn plain_text(bytes: &[u8]) -> String {
     let wide = |pairs: &[u8], unit: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = pairs.chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
@@ -169,6 +169,8 @@ fn plain_text(bytes: &[u8]) -> String {
         [0xEF, 0xBB, 0xBF, text @ ..] => String::from_utf8_lossy(text).into_owned(),
         [0xFF, 0xFE, pairs @ ..] => wide(pairs, u16::from_le_bytes),
         [0xFE, 0xFF, pairs @ ..] => wide(pairs, u16::from_be_bytes),
+        [b's', 0, b'o', 0, ..] => wide(bytes, u16::from_le_bytes),
+        [0, b's', 0, b'o', ..] => wide(bytes, u16::from_be_bytes),
         text => String::from_utf8_lossy(text).into_owned(),
     }
 }

@@ -56,6 +56,8 @@ fn every_format_gives_the_same_solid() {
         (format!("\u{feff}{}", ascii()).into_bytes(), MeshFormat::Stl),
         (wide(0xFEFF, u16::to_le_bytes), MeshFormat::Stl),
         (wide(0xFEFF, u16::to_be_bytes), MeshFormat::Stl),
+        (wide(0xFEFF, u16::to_le_bytes)[2..].to_vec(), MeshFormat::Stl),
+        (wide(0xFEFF, u16::to_be_bytes)[2..].to_vec(), MeshFormat::Stl),
         (binary("solid made by hand, facet normal and all"), MeshFormat::Stl),
         (format!("\u{feff}{OBJ}").into_bytes(), MeshFormat::Obj),
         (ascii().into_bytes(), MeshFormat::Stl),

@@ -117,7 +117,7 @@ impl Compared {
 impl Worse {
     fn text(&self, case: &Case) -> String {
         let name = case.structures.get(self.structure).map_or("", |s| s.name.as_str());
-        format!("{} toward {name} {:.3} N instead of {:.3} N", self.figure, self.plan_n, self.reference_n)
+        format!("{} toward {name} {:.4} N instead of {:.4} N", self.figure, self.plan_n, self.reference_n)
     }
 
     /// The plan's figure over the reference's.

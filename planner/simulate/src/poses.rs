@@ -65,6 +65,11 @@ pub struct TrajectorySample {
     pub velocity_mm_s: Vector3<f64>,
 }
 
+/// How many poses are too many; nothing for a value that is no number above 0.
+fn made(poses: f64) -> String {
+    if poses.is_finite() && poses > 0.0 { format!(", not {poses:.3e}") } else { String::new() }
+}
+
 /// Why a trajectory cannot be converted to burr poses.
 #[derive(Debug, thiserror::Error)]
 pub enum PoseError {
@@ -80,7 +85,8 @@ pub enum PoseError {
     },
     /// The step or rate is not a number above 0, or makes too many poses.
     #[error(
-        "{name} = {value}: expected a number above 0 that makes at most {most:.0e} poses, not {poses:.3e}"
+        "{name} = {value}: expected a number above 0 that makes at most {most:.0e} poses{}",
+        made(*poses)
     )]
     Sampling {
         /// Name of the parameter.

@@ -278,7 +278,11 @@ fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str) -> String {
   def hold(why):
     stopj(2.0)
     set_standard_digital_out({spindle_output}, False)
-    popup(str_cat(\"The spindle is off. Go on? Held: \", why), title=\"bonemill\", blocking=True)
+    sync()
+    if get_standard_digital_out({spindle_output}):
+      safe_stop(\"the spindle's output does not switch off\")
+    end
+    popup(str_cat(\"The spindle's output is off. Go on? Held: \", why), title=\"bonemill\", blocking=True)
     set_standard_digital_out({spindle_output}, True)
     sleep({run_up_s:?})
   end
@@ -430,10 +434,10 @@ mod tests {
         assert!(after[..2].iter().all(|line| line.ends_with("0.080000000)")), "{:?}", &after[..2]);
         assert_eq!(before[before.len() - 3], "  stopj(2.0)");
         let def = text.split_once("  def hold(why):").unwrap().1;
-        let off = def.find("set_standard_digital_out(0, False)").unwrap();
-        assert!(
-            off < def.find("popup(").unwrap() && def.find("popup(").unwrap() < def.find("(0, True)").unwrap()
-        );
+        let place = |what: &str| def.find(what).unwrap();
+        let (off, seen) =
+            (place("set_standard_digital_out(0, False)"), place("if get_standard_digital_out(0):"));
+        assert!(off < seen && seen < place("popup(") && place("popup(") < place("(0, True)"));
     }
 
     #[test]

@@ -245,7 +245,7 @@ pub enum NiftiProblem {
     #[error(transparent)]
     Grid(#[from] GridError),
     /// Grey values are not finite, or too large for single precision.
-    #[error("voxel {first:?} is {value}, and {count} voxels in all are not finite numbers")]
+    #[error("voxel {first:?} is {value}; expected finite numbers everywhere, {count} are not")]
     VoxelsNotFinite {
         /// The first one, (i, j, k).
         first: [usize; 3],
@@ -255,9 +255,7 @@ pub enum NiftiProblem {
         count: u64,
     },
     /// Labels are not whole numbers, or out of range.
-    #[error(
-        "voxel {first:?} is {value}, and {count} voxels in all are no label; expected whole numbers 0 to 65535"
-    )]
+    #[error("voxel {first:?} is {value}; expected whole numbers 0 to 65535 everywhere, {count} are not")]
     NotLabels {
         /// The first one, (i, j, k).
         first: [usize; 3],

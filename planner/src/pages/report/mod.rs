@@ -275,10 +275,13 @@ fn modelled(plan: &Plan) -> String {
         ("waypoints whose orientation cost includes the force".into(), m.axes.cost_with_force.to_string()),
         (
             "waypoints whose orientation cost leaves the force out (weight below 0.01)".into(),
-            format!(
-                "{}; the cost of no choice is worse by more than {:.1e}",
-                m.axes.cost_closed_form, m.axes.closed_form_error
-            ),
+            match m.axes.closed_form_error {
+                error if error > 0.0 => format!(
+                    "{}; the cost of no choice is worse by more than {error:.1e}",
+                    m.axes.cost_closed_form
+                ),
+                _ => m.axes.cost_closed_form.to_string(),
+            },
         ),
         (
             "candidate directions of the shaft, before refinement".into(),
