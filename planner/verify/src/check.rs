@@ -120,7 +120,13 @@ impl Check {
 
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let sign = if self.sense == LimitSide::AtMost { "<=" } else { ">=" };
+        // the relation that holds
+        let sign = match (self.sense, self.passed() || self.value.is_nan()) {
+            (LimitSide::AtMost, true) => "<=",
+            (LimitSide::AtMost, false) => ">",
+            (LimitSide::AtLeast, true) => ">=",
+            (LimitSide::AtLeast, false) => "<",
+        };
         write!(f, "{}", self.name)?;
         if let Some(subject) = &self.subject {
             write!(f, " ({subject})")?;
