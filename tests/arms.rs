@@ -365,6 +365,19 @@ fn a_target_beyond_every_posture_is_told_before_a_path_is_laid() {
 }
 
 #[test]
+fn a_base_in_metres_is_told_before_a_path_is_laid() {
+    let place = with_robot(&format!(
+        "model = \"ur5e\"\n{MOUNT}\nbase_from_ct = {{ rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0.3, 0.2, 0.1] }}"
+    ));
+    let ran = place.run(&["plan", "case.toml", "--out", "plan"]);
+    ran.failed(
+        1,
+        &[&place.line_of("base_from_ct"), "within 64 mm of it is the base itself", "given in metres"],
+    );
+    assert!(ran.err.contains("scene") && !ran.err.contains("free space"), "{}", ran.err);
+}
+
+#[test]
 fn a_tool_that_no_arm_can_hold_is_refused_and_a_near_one_told() {
     let with_mount = |mount: &str| with_robot(&format!("model = \"ur5e\"\nflange_from_burr = {{ {mount} }}"));
     for (mount, why) in [

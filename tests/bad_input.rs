@@ -127,7 +127,7 @@ fn impossible_sizes_are_refused_before_memory_is_taken() {
 fn a_voxel_that_is_no_number_is_named() {
     for (value, word) in [(f32::NAN, "NaN"), (f32::NEG_INFINITY, "-inf")] {
         let place = Place::healthy().with_ct(|ct| ct.fill([3..4, 5..7, 6..7], value));
-        let message = format!("voxel [3, 5, 6] is {word}, and 2 voxels in all are not finite");
+        let message = format!("voxel [3, 5, 6] is {word}; expected finite numbers everywhere, 2 are not");
         place.refuses(&[&place.line_of("ct.nii"), "images.ct", "ct.nii", &message]);
     }
 }

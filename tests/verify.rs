@@ -201,8 +201,18 @@ fn errors_that_make_no_sense_are_refused_and_no_verdict_is_written() {
         ),
         ("-5", "--keep", "0.9", "invalid value '-5' for '--samples <N>': -5 is not in 1..=1000000"),
         ("10", "--keep", "-0.5", "keep = -0.5: expected 0.5 to below 1"),
-        ("10", "--boundary-mm=-1", "--quiet", "boundary sigma, mm = -1"),
-        ("10", "--registration-mm=-1", "--quiet", "standard deviation is negative"),
+        (
+            "10",
+            "--boundary-mm=-1",
+            "--quiet",
+            "invalid value '-1' for '--boundary-mm <MM>': expected a number of at least 0",
+        ),
+        (
+            "10",
+            "--registration-mm=-1",
+            "--quiet",
+            "'--registration-mm <MM>': expected a number of at least 0",
+        ),
     ] {
         place.run(&["verify", "plan", "--samples", samples, key, value]).refused(&[says]);
     }

@@ -16,6 +16,8 @@ pub struct Refused {
     /// `CASE.toml:LINE: ` and the key, or nothing.
     place: String,
     error: PlanError,
+    /// What else would help, for this case.
+    advice: &'static str,
 }
 
 impl Refused {
@@ -31,7 +33,13 @@ impl Refused {
         if let PlanError::Image(ImageError::NotHounsfield { .. }) = error {
             place += &format!("{}: ", folder.join(&case.images.ct).display());
         }
-        Self { place, error }
+        let advice = match (&error, case.approach) {
+            (PlanError::OutOfReach { .. }, None) if case.job.channel().is_none() => {
+                ", or give approach.direction: the one that was chosen does not look at the arm"
+            }
+            _ => "",
+        };
+        Self { place, error, advice }
     }
 
     /// The planner's error, without its place.
@@ -47,7 +55,7 @@ impl Refused {
 
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.place, self.error)
+        write!(f, "{}{}{}", self.place, self.error, self.advice)
     }
 }
 

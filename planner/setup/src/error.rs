@@ -164,6 +164,17 @@ pub enum PlanError {
         /// The farthest that the burr can be from the base, mm.
         reach_mm: f64,
     },
+    /// The target lies in the arm's base.
+    #[error(
+        "the target lies {away_mm:.0} mm from the arm's base, and within {base_mm} mm of it is the base itself; move it (robot.base_from_ct, \
+         whose lengths are mm: a base given in metres looks like this)"
+    )]
+    TooNear {
+        /// From the base to the target's middle, mm.
+        away_mm: f64,
+        /// How large the base is, mm.
+        base_mm: f64,
+    },
     /// The cost uses the deflection, and the case gives no stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
@@ -208,6 +219,7 @@ impl PlanError {
                     self,
                     Self::OutOfReach { .. }
                         | Self::TooFar { .. }
+                        | Self::TooNear { .. }
                         | Self::NoAccess { .. }
                         | Self::BadRegistration { .. }
                 )
@@ -235,7 +247,7 @@ impl PlanError {
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
             Self::Mount(_) => "robot.flange_from_burr",
-            Self::OutOfReach { .. } | Self::TooFar { .. } => "robot.base_from_ct",
+            Self::OutOfReach { .. } | Self::TooFar { .. } | Self::TooNear { .. } => "robot.base_from_ct",
             Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
             Self::Robot(
                 RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },
