@@ -7,6 +7,7 @@ use nalgebra::Rotation3;
 use super::super::build::structure_region;
 use super::super::{MemoryNeed, SceneSpec, Sheets, Target, ToolReach};
 use super::*;
+use bonemill_geometry::Grid;
 use bonemill_imaging::{AffineChoice, DensityTable};
 
 const TARGET: u16 = 9;
