@@ -148,7 +148,7 @@ mod tests {
         let case = Case::parse(text, std::path::Path::new("case.toml")).unwrap();
         let told = |takes_s| compared.warning(&case, takes_s).unwrap();
         assert!(
-            told(1834.02).contains("would in the same time: mean toward nerve 0.200 N"),
+            told(1834.02).contains("would in the same time: mean toward nerve 0.2000 N"),
             "{}",
             told(1834.02)
         );
