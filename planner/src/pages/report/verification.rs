@@ -139,7 +139,7 @@ mod tests {
         assert!(sound.contains("All 1 checks passed") && !sound.contains("bad"), "{sound}");
         let page = of(vec![good, bad]);
         assert!(
-            page.contains("<li>joint jerk: 8 ≤ 7.5000 mm/s³, at waypoint 7; why &amp; how</li>"),
+            page.contains("<li>joint jerk: 8 &gt; 7.5000 mm/s³, at waypoint 7; why &amp; how</li>"),
             "{page}"
         );
         assert!(page.contains("1 of 2 checks failed") && page.contains("a &lt;nerve&gt;"), "{page}");
