@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn a_line_says_value_limit_and_place() {
         let check = Check::at_least("clearance", 0.98124, 1.0, "mm").of("nerve").at(Place::Waypoint(7));
-        assert_eq!(check.to_string(), "clearance (nerve): 0.98124 >= 1 mm, at waypoint 7");
+        assert_eq!(check.to_string(), "clearance (nerve): 0.98124 < 1 mm, at waypoint 7");
         assert_eq!(Short(1234.5678).to_string(), "1234.6");
         assert_eq!(Short(1e-7).to_string(), "1.000e-7");
     }
