@@ -245,7 +245,7 @@ pub enum NiftiProblem {
     #[error(transparent)]
     Grid(#[from] GridError),
     /// Grey values are not finite, or too large for single precision.
-    #[error("voxel {first:?} is {value}; expected finite numbers everywhere, {count} are not")]
+    #[error("voxel {first:?} is {value}; expected finite numbers everywhere, {count} are not finite")]
     VoxelsNotFinite {
         /// The first one, (i, j, k).
         first: [usize; 3],
@@ -255,7 +255,7 @@ pub enum NiftiProblem {
         count: u64,
     },
     /// Labels are not whole numbers, or out of range.
-    #[error("voxel {first:?} is {value}; expected whole numbers 0 to 65535 everywhere, {count} are not")]
+    #[error("voxel {first:?} is {value}; expected whole numbers 0 to 65535 everywhere, {count} are no label")]
     NotLabels {
         /// The first one, (i, j, k).
         first: [usize; 3],
