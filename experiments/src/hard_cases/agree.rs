@@ -51,6 +51,9 @@ const KEYS: [Choices; COUNT] = [
     &[("[images]", "preset = \"paper\"\n[images]")],
 ];
 
+/// Those of them that choose by sums over structures: orientation's mode, the cost's objective, the preset.
+const BY_SUMS: [usize; 3] = [0, 4, 8];
+
 /// A simulated peak may exceed the stated one by this share and this much, N: the simulation's lattice.
 const PEAK: [f64; 2] = [0.1, 0.1];
 /// Volumes agree to this share and this much, mm³: the simulation's cells.
@@ -117,10 +120,11 @@ impl RandomCase {
         }
     }
 
-    /// Whether the twin is another task: of a structure in two parts the push toward the farther one counts, too, so that lines, axes and
-    /// times may be others.
+    /// Whether the twin is another task: the paper's cost and its presets add up over structures, and two parts count twice.
     fn twin_is_other_task(self) -> bool {
-        self.body.nerve[0] > 0 && self.body.turn[0] % 4 == 1
+        self.body.nerve[0] > 0
+            && self.body.turn[0] % 4 == 1
+            && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
     }
 
     /// Where programs disagree; empty where they agree.
@@ -136,7 +140,7 @@ impl RandomCase {
                 Vec::new()
             }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            (Some(figures), Some(twin)) if !self.twin_is_other_task() => figures.differ(&twin),
+            (Some(figures), Some(twin)) => figures.differ(&twin, self.twin_is_other_task()),
             _ => Vec::new(),
         }
     }
@@ -157,8 +161,8 @@ impl RandomCase {
 }
 
 impl Figures {
-    /// What differs from a twin.
-    fn differ(&self, twin: &Self) -> Vec<String> {
+    /// What differs from a twin; of a twin that is another task, what is removed only.
+    fn differ(&self, twin: &Self, is_other_task: bool) -> Vec<String> {
         let [near, peaks] = TWINS;
         let all = [
             ("removed_mm3", self.removed_mm3, twin.removed_mm3, near),
@@ -167,6 +171,7 @@ impl Figures {
         ];
         let differs = |(_, a, b, share): &(&str, f64, f64, f64)| (a - b).abs() > share * a.max(*b) + 0.05;
         all.iter()
+            .take(if is_other_task { 1 } else { all.len() })
             .filter(|of| differs(of))
             .map(|(name, a, b, _)| format!("{name} {a:.4}, of its twin {b:.4}"))
             .collect()

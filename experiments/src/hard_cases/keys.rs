@@ -18,6 +18,11 @@ impl<const N: usize> Keys<N> {
         all.iter().zip(self.0).filter_map(|(choices, n)| choices.get(usize::from(n).checked_sub(1)?).copied())
     }
 
+    /// Whether a key is not left as it is.
+    pub fn is_chosen(self, key: usize) -> bool {
+        self.0[key] > 0
+    }
+
     /// The same with one key fewer, for each that is not left as it is.
     pub fn simpler(self) -> impl Iterator<Item = Self> {
         (0..N).filter(move |n| self.0[*n] > 0).map(move |n| {

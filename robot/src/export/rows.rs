@@ -314,7 +314,7 @@ mod tests {
             let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, stride).unwrap();
             rows.deviation_mm(&arm, between).unwrap().0
         };
-        for stride in [100, 200, 400] {
+        for stride in [10, 50, 100, 200, 400] {
             let span = 0.002 * stride as f64;
             let sagitta = 5.0 * (1.0 - (0.5 * span).cos());
             let straight = off(stride, Between::Straight);
