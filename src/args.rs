@@ -186,7 +186,7 @@ pub enum StockCommand {
         #[arg(long, num_args = 3, value_names = ["A", "B", "C"], required = true)]
         size_mm: Vec<f64>,
         /// How many
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
         count: u32,
     },
     /// Take a kind out of the catalogue with all of its blocks; to correct its sides, remove and add it

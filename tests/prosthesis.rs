@@ -73,9 +73,11 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
     assert_eq!(bonemill(folder.path(), "verify out").status.code(), Some(1));
     // so it does once a word of the table or a figure of the record is another
     fs::write(out.join("program.nc"), &program).unwrap();
-    for (name, from, to) in
-        [("toolpath.csv", ",rough,", ",rougi,"), ("job.toml", "collisions = 0", "collisions = 1")]
-    {
+    for (name, from, to) in [
+        ("toolpath.csv", ",rough,", ",rougi,"),
+        ("toolpath.csv", ",rough,", ",finish,"),
+        ("job.toml", "collisions = 0", "collisions = 1"),
+    ] {
         let text = fs::read_to_string(out.join(name)).unwrap();
         fs::write(out.join(name), text.replacen(from, to, 1)).unwrap();
         let verified = bonemill(folder.path(), "verify out");

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::catalogue::Mounted;
-use crate::machining::{Block, Machining, MachiningError, MachiningJob};
+use crate::machining::{Block, Machining, MachiningError, MachiningJob, TipMove};
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
 use bonemill_imaging::part::orient::Laid;
@@ -12,7 +12,7 @@ use bonemill_planfile::{Sha256, Value};
 use bonemill_verify::proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
-use crate::{Placing, ProsthesisError, RobotMotion, figures, record, robot, settings};
+use crate::{Placing, ProsthesisError, RobotMotion, figures, record, robot, settings, toolpath_csv};
 
 /// What finishing may leave beyond the step that was asked for, mm: chords, rounding and the samples of the proof.
 const UNCUT_TOLERANCE_MM: f64 = 0.02;
@@ -114,8 +114,7 @@ pub fn plan(
     };
     let (told, left) = (told_of.told(), told_of.left().to_vec());
     // the reason takes the place of the first line's words: all other lines stay where they are
-    let program =
-        crate::program::write(&milled.machining.moves, &machining_job, &mill.made_for(), &told.shortfalls);
+    let program = mill.program(&milled.machining.moves, &told.shortfalls);
     let Milled { block_from_part, part, machining, proof_job, proof, .. } = milled;
     let machining = Machining { left, ..machining };
     Ok(ProsthesisPlan {
@@ -165,15 +164,17 @@ impl Mill<'_> {
         let part = laid_part(self.solid, &laid.block_from_part);
         let machining = crate::machining::plan(&part, machining_job).map_err(|e| self.failed(e))?;
         progress.stage("write program");
-        let program = crate::program::write(&machining.moves, machining_job, &self.made_for(), &[]);
+        let program = self.program(&machining.moves, &[]);
         progress.stage("prove program");
         let proof_job = settings::proof(job, &machining_job.block, &machining.tab_boxes);
         let proof = bonemill_verify::proof::prove(&program, &part, &proof_job)?;
         Ok(Milled { block_from_part: laid.block_from_part, part, machining, program, proof_job, proof })
     }
 
-    fn made_for(&self) -> String {
-        record::made_for(self.job, self.block, env!("CARGO_PKG_VERSION"))
+    fn program(&self, moves: &[TipMove], shortfalls: &[String]) -> String {
+        let version = env!("CARGO_PKG_VERSION");
+        let made_for = record::made_for(self.job, self.block, version, &toolpath_csv::text(moves));
+        crate::program::write(moves, self.machining_job, &made_for, shortfalls)
     }
 
     fn failed(&self, source: MachiningError) -> ProsthesisError {

@@ -56,16 +56,16 @@ pub fn sealed(text: &str) -> String {
     format!("{above}{DIGEST}\"{}\"\n", Sha256::of_text(above))
 }
 
-/// What a program is made for: job and block by a digest of all that is asked for. The paths of files are left out: they depend on the folder, and the part has a
-/// digest of its own.
-pub(crate) fn made_for(job: &ProsthesisJob, block_id: &str, version: &str) -> String {
+/// What a program is made for: job, block and `toolpath.csv`'s text by a digest of all that is asked for and driven. The paths of files are left out: they depend on
+/// the folder, and the part has a digest of its own.
+pub(crate) fn made_for(job: &ProsthesisJob, block_id: &str, version: &str, toolpath: &str) -> String {
     let mut job = job.clone();
     job.part.file = PathBuf::new();
     if let BlockSource::Catalogue(path) = &mut job.stock.source {
         *path = PathBuf::new();
     }
-    let digest = Sha256::of_text(&format!("{}\n{block_id}", job.to_toml()));
-    format!("bonemill {version}, job and block {digest}")
+    let digest = Sha256::of_text(&format!("{}\n{block_id}\n{toolpath}", job.to_toml()));
+    format!("bonemill {version}, job, block and tool path {digest}")
 }
 
 impl JobRecord {
@@ -105,8 +105,8 @@ impl JobRecord {
     }
 
     /// What the program says that it was made for.
-    pub(crate) fn made_for(&self) -> String {
-        made_for(&self.job, &self.block_id, &self.version)
+    pub(crate) fn made_for(&self, toolpath: &str) -> String {
+        made_for(&self.job, &self.block_id, &self.version, toolpath)
     }
 
     /// Reads `dir/job.toml`; its inputs are not looked at.

@@ -14,9 +14,8 @@ use crate::picture::Colour;
 use crate::record::FILE_NAME;
 use crate::report::pictures::scale;
 use crate::save::{PART, PROGRAM, TOOLPATH};
-use crate::toolpath_csv::{header, read_row};
 use crate::verify::{read_part, read_text};
-use crate::{JobRecord, ProsthesisError, settings};
+use crate::{JobRecord, ProsthesisError, settings, toolpath_csv};
 
 /// From a frame with z along the cutter, out of the part, to the block's, at a move's end.
 pub fn turn(at: &TipMove) -> Rotation3<f64> {
@@ -50,7 +49,9 @@ impl ShownProsthesis {
         progress.stage("read files");
         let record = JobRecord::read(dir)?;
         let part = read_part(&dir.join(PART))?;
-        let moves = moves(&dir.join(TOOLPATH))?;
+        let path = dir.join(TOOLPATH);
+        let moves = toolpath_csv::read(&read_text(&path)?)
+            .map_err(|problem| ProsthesisError::Folder { path, problem })?;
         progress.stage("prove program");
         let job = settings::proof(&record.job, &record.block, &record.tab_boxes_mm);
         let proof = bonemill_verify::proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
@@ -61,24 +62,6 @@ impl ShownProsthesis {
             .map_err(|problem| ProsthesisError::Folder { path: dir.join(FILE_NAME), problem })?;
         Ok(Self { colours, moves, cutter, holder, part, record })
     }
-}
-
-/// The moves of a `toolpath.csv`.
-fn moves(path: &Path) -> Result<Vec<TipMove>, ProsthesisError> {
-    let text = read_text(path)?;
-    let fault = |line: usize, problem: &str| ProsthesisError::Folder {
-        path: path.to_owned(),
-        problem: format!("line {line}: {problem}"),
-    };
-    let mut rows = text.lines();
-    let header = header();
-    if rows.next() != Some(header.as_str()) {
-        return Err(fault(1, &format!("expected the header {header:?}")));
-    }
-    let read = |(index, row)| {
-        read_row(row, index).ok_or_else(|| fault(index + 2, "expected index, side, kind and six numbers"))
-    };
-    rows.enumerate().map(read).collect()
 }
 
 /// The cutter's solid, tip at z = 0, and the holder.

@@ -7,7 +7,7 @@ use bonemill_planfile::columns::{names, prosthesis::TOOLPATH};
 use nalgebra::Vector3;
 
 /// The first line.
-pub(crate) fn header() -> String {
+fn header() -> String {
     names(&TOOLPATH).join(",")
 }
 
@@ -33,8 +33,23 @@ pub(crate) fn text(moves: &[TipMove]) -> String {
     out
 }
 
-/// A row read back; `None` for one that is not the move of this index.
-pub(crate) fn read_row(row: &str, index: usize) -> Option<TipMove> {
+/// The table read back; `Err` tells what is wrong with the first that is no move.
+pub(crate) fn read(table: &str) -> Result<Vec<TipMove>, String> {
+    let header = header();
+    if table.lines().next() != Some(header.as_str()) {
+        return Err(format!("line 1: expected the header {header:?}"));
+    }
+    let rows = table.lines().skip(1).enumerate();
+    rows.map(|(index, row)| {
+        let wrong =
+            || format!("line {}: expected index {index}, a side, a kind of move and six numbers", index + 2);
+        read_row(row, index).ok_or_else(wrong)
+    })
+    .collect()
+}
+
+/// `None` for a row that is not the move of this index.
+fn read_row(row: &str, index: usize) -> Option<TipMove> {
     let cells: Vec<&str> = row.split(',').collect();
     let [number, side, kind, numbers @ ..] = cells.as_slice() else { return None };
     let numbers: Vec<f64> = numbers.iter().map(|cell| cell.parse().ok()).collect::<Option<_>>()?;

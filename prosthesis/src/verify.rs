@@ -112,7 +112,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     let proof = bonemill_verify::proof::prove(&program, &part, &job)?;
     let read = gcode::read(&program)?;
     progress.stage("compare toolpath");
-    let rows = moves_of(&toolpath);
+    let rows = toolpath_csv::read(&toolpath);
     let moves = rows.as_ref().map(Vec::as_slice).unwrap_or_default();
     let robot = match record.job.machine.kind {
         MachineKind::Ur(model) => {
@@ -140,7 +140,8 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
         checks.push(same_record(&record, told));
     }
     let shortfalls = told.as_ref().map_or(&record.shortfalls, |told| &told.told.shortfalls);
-    checks.push(same_program(rows.as_deref(), &program, &record, shortfalls));
+    let made_for = record.made_for(&toolpath);
+    checks.push(same_program(rows.as_deref(), &program, &record, &made_for, shortfalls));
     checks.push(speeds_of_the_job(&read, &record));
     let mut files = vec![FILE_NAME, PART, TOOLPATH, PROGRAM];
     if let Some(robot) = &robot {
@@ -368,26 +369,12 @@ fn shown(value: &Value) -> String {
     value.to_toml("").unwrap_or_default()
 }
 
-/// The rows of toolpath.csv; `Err` tells what is wrong with the first that is no move.
-fn moves_of(table: &str) -> Result<Vec<TipMove>, String> {
-    let header = toolpath_csv::header();
-    if table.lines().next() != Some(header.as_str()) {
-        return Err(format!("line 1: expected the header {header:?}"));
-    }
-    let rows = table.lines().skip(1).enumerate();
-    rows.map(|(index, row)| {
-        let wrong =
-            || format!("line {}: expected index {index}, a side, a kind of move and six numbers", index + 2);
-        toolpath_csv::read_row(row, index).ok_or_else(wrong)
-    })
-    .collect()
-}
-
 /// program.nc is what toolpath.csv's moves are written as, line by line, and the table's own speeds and times are those of its moves.
 fn same_program(
     rows: Result<&[TipMove], &String>,
     program: &str,
     record: &JobRecord,
+    made_for: &str,
     shortfalls: &[String],
 ) -> FolderCheck {
     let name = "program.nc drives the moves of toolpath.csv, and nothing else";
@@ -397,12 +384,13 @@ fn same_program(
     };
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
-    let own = crate::program::write(moves, &job, &record.made_for(), shortfalls);
+    let own = crate::program::write(moves, &job, made_for, shortfalls);
     let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
     if let Some(n) = first_other(&lines, &own) {
-        let [is, wanted] =
-            [lines, own].map(|lines| lines.get(n).map_or("nothing".into(), |line| format!("{line:?}")));
-        faults.push(format!("program.nc line {}: {is} instead of {wanted}", n + 1));
+        let [is, wanted] = [lines, own].map(|lines| lines.get(n).copied().unwrap_or("nothing"));
+        let other =
+            if wanted.contains(made_for) { ": it was made for another job, block or tool path" } else { "" };
+        faults.push(format!("program.nc line {}: {is:?} instead of {wanted:?}{other}", n + 1));
     }
     let mut timed = moves.to_vec();
     if crate::machining::time::times(&mut timed, &job).is_err() {

@@ -48,7 +48,7 @@ fn a_changed_figure_is_found_though_the_digest_is_written_anew() {
     let text = std::fs::read_to_string(&file).unwrap();
     assert_eq!(sealed(&text), text);
     // what is asked for stands in the program's head, what was found follows from the files
-    let asked = "job and block";
+    let asked = "was made for another job, block or tool path";
     for (from, to, expected) in [
         ("side_load = 0.6", "side_load = 0.66", asked),
         ("finishing_step_mm = 0.3", "finishing_step_mm = 0.33", asked),

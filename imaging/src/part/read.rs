@@ -169,8 +169,8 @@ fn plain_text(bytes: &[u8]) -> String {
         [0xEF, 0xBB, 0xBF, text @ ..] => String::from_utf8_lossy(text).into_owned(),
         [0xFF, 0xFE, pairs @ ..] => wide(pairs, u16::from_le_bytes),
         [0xFE, 0xFF, pairs @ ..] => wide(pairs, u16::from_be_bytes),
-        [b's', 0, b'o', 0, ..] => wide(bytes, u16::from_le_bytes),
-        [0, b's', 0, b'o', ..] => wide(bytes, u16::from_be_bytes),
+        [b's' | b'S', 0, b'o' | b'O', 0, ..] => wide(bytes, u16::from_le_bytes),
+        [0, b's' | b'S', 0, b'o' | b'O', ..] => wide(bytes, u16::from_be_bytes),
         text => String::from_utf8_lossy(text).into_owned(),
     }
 }

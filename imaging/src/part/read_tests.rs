@@ -46,9 +46,10 @@ fn volume(bytes: &[u8], format: MeshFormat) -> f64 {
 
 #[test]
 fn every_format_gives_the_same_solid() {
-    let wide = |mark: u16, unit: fn(u16) -> [u8; 2]| -> Vec<u8> {
-        std::iter::once(mark).chain(ascii().encode_utf16()).flat_map(unit).collect()
+    let wide_of = |text: String, mark: u16, unit: fn(u16) -> [u8; 2]| -> Vec<u8> {
+        std::iter::once(mark).chain(text.encode_utf16()).flat_map(unit).collect()
     };
+    let wide = |mark: u16, unit: fn(u16) -> [u8; 2]| wide_of(ascii(), mark, unit);
     for (bytes, format) in [
         (ascii().replacen("solid tetrahedron", "solid", 1).into_bytes(), MeshFormat::Stl),
         (ascii().replacen("solid tetrahedron", "solid a facet of mine", 1).into_bytes(), MeshFormat::Stl),
@@ -58,6 +59,7 @@ fn every_format_gives_the_same_solid() {
         (wide(0xFEFF, u16::to_be_bytes), MeshFormat::Stl),
         (wide(0xFEFF, u16::to_le_bytes)[2..].to_vec(), MeshFormat::Stl),
         (wide(0xFEFF, u16::to_be_bytes)[2..].to_vec(), MeshFormat::Stl),
+        (wide_of(ascii().to_uppercase(), 0xFEFF, u16::to_le_bytes)[2..].to_vec(), MeshFormat::Stl),
         (binary("solid made by hand, facet normal and all"), MeshFormat::Stl),
         (format!("\u{feff}{OBJ}").into_bytes(), MeshFormat::Obj),
         (ascii().into_bytes(), MeshFormat::Stl),

@@ -76,25 +76,39 @@ impl Drop for Lease {
     }
 }
 
-/// Ends the leases whose holders have ended.
+/// Ends the leases whose holders have ended, also in their files.
 pub(super) fn sweep(stock: &mut Stock, path: &Path) {
+    ended(stock, path).iter().for_each(|holder| end(stock, path, holder));
+}
+
+/// The same in what was read alone.
+pub(super) fn put_back_ended(stock: &mut Stock, path: &Path) {
+    ended(stock, path).iter().for_each(|holder| put_back(stock, holder));
+}
+
+/// The holders that have ended without a word.
+fn ended(stock: &Stock, path: &Path) -> Vec<String> {
     let has_ended = |holder: &str| match OpenOptions::new().append(true).open(lock_path(path, holder)) {
         Ok(file) => file.try_lock().is_ok(),
         Err(error) => error.kind() == ErrorKind::NotFound,
     };
     let holders = stock.leases.iter().map(|lease| lease.holder.clone());
-    let ended: Vec<String> = holders.filter(|holder| has_ended(holder)).collect();
-    ended.iter().for_each(|holder| end(stock, path, holder));
+    holders.filter(|holder| has_ended(holder)).collect()
 }
 
-/// Ends a lease, if it is there: its block goes back, unless its kind has been removed.
+/// Ends a lease, if it is there.
 fn end(stock: &mut Stock, path: &Path, holder: &str) {
+    put_back(stock, holder);
+    // without its entry the file means nothing
+    let _ = fs::remove_file(lock_path(path, holder));
+}
+
+/// Takes a lease out; its block goes back, unless its kind has been removed.
+fn put_back(stock: &mut Stock, holder: &str) {
     if let Some(place) = stock.leases.iter().position(|lease| lease.holder == holder) {
         let block = stock.leases.remove(place).block;
         let _ = block.map(|id| stock.put_back(&id));
     }
-    // without its entry the file means nothing
-    let _ = fs::remove_file(lock_path(path, holder));
 }
 
 fn lock_path(path: &Path, holder: &str) -> PathBuf {

@@ -91,12 +91,14 @@ impl Catalogue {
         self.change(|stock| stock.remove(id))
     }
 
-    /// Every kind of block, by number. A block whose lease has ended without its program's word is counted once the next change is made.
+    /// Every kind of block, by number. A block whose lease has ended without its program's word counts as one that is there.
     ///
     /// # Errors
     /// As [`Self::open`].
     pub fn list(&self) -> Result<Vec<StockBlock>, CatalogueError> {
-        Ok(Stock::read(&self.path)?.blocks)
+        let mut stock = Stock::read(&self.path)?;
+        lease::put_back_ended(&mut stock, &self.path);
+        Ok(stock.blocks)
     }
 
     /// Takes one block of a kind.
