@@ -11,6 +11,8 @@
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
+use std::f64::consts::PI;
+
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
 use bonemill_imaging::{Region, distance_within};
 use nalgebra::{Matrix3, Vector3};
@@ -23,6 +25,8 @@ use super::{SceneError, SceneSpec, SceneStructure};
 
 /// Directions on the sphere: 10° apart.
 const DIRECTIONS: usize = 420;
+/// Between rings of directions around a given one, rad.
+const RINGS_RAD: f64 = 0.17;
 /// Places of the burr from which lines lead out.
 const PLACES: usize = 400;
 /// Finest and coarsest spacing of the first map, mm; half of the burr's radius in between.
@@ -289,13 +293,17 @@ impl WayIn {
         1.0 - TILTED_LESS * angle_rad / self.tilt_limit_rad.max(1e-9)
     }
 
-    /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of the set's directions counts.
-    fn ranked(&self, direction: Vector3<f64>, lines: &[Vec<f64>]) -> (f64, Way) {
+    /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of `directions` counts.
+    fn ranked(
+        &self,
+        direction: Vector3<f64>,
+        (directions, lines): (&[Vector3<f64>], &[Vec<f64>]),
+    ) -> (f64, Way) {
         let hinge = basis::from_z(&direction).matrix().column(0).into_owned();
         let is_taken = |line: &Vector3<f64>| !self.in_plane || line.dot(&hinge).abs() <= SPREAD;
-        let near: Vec<(usize, f64)> = (0..self.directions.len())
-            .filter(|n| is_taken(&self.directions[*n]))
-            .map(|n| (n, self.tilted(angle(&self.directions[n], &direction))))
+        let near: Vec<(usize, f64)> = (0..directions.len())
+            .filter(|n| is_taken(&directions[*n]))
+            .map(|n| (n, self.tilted(angle(&directions[n], &direction))))
             .filter(|(_, tilted)| *tilted > 0.0)
             .collect();
         let (mut rank, mut reached) = (0.0, 0usize);
@@ -309,20 +317,20 @@ impl WayIn {
         (rank / count, Way { direction, reached: reached as f64 / count })
     }
 
-    /// What every line of the set counts, those of `wanted` only.
-    fn lines(&self, wanted: impl Fn(&Vector3<f64>) -> bool + Sync) -> Vec<Vec<f64>> {
+    /// What lines along these directions count, per place.
+    fn lines(&self, directions: &[Vector3<f64>]) -> Vec<Vec<f64>> {
         let of_place = |place: &Point<Ct>| {
             cancel::poll();
-            let line = |d: &Vector3<f64>| if wanted(d) { Self::counts(self.deep_mm(*place, d)) } else { 0.0 };
-            self.directions.iter().map(line).collect()
+            directions.iter().map(|d| Self::counts(self.deep_mm(*place, d))).collect()
         };
         self.places.par_iter().map(of_place).collect()
     }
 
     /// The direction along which burr and shank reach most; `None` where they reach nothing along any.
     pub fn best(&self) -> Option<ChosenWay> {
-        let lines = self.lines(|_| true);
-        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(|d| self.ranked(*d, &lines)).collect();
+        let lines = self.lines(&self.directions);
+        let set = (&self.directions[..], &lines[..]);
+        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(|d| self.ranked(*d, set)).collect();
         let mut order: Vec<usize> = (0..ranked.len()).collect();
         order.sort_by(|a, b| ranked[*b].0.total_cmp(&ranked[*a].0));
         let mut ways: Vec<(f64, Way)> = Vec::new();
@@ -343,7 +351,7 @@ impl WayIn {
             };
             let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
             let Some(direction) = mean.try_normalize(1e-12) else { break };
-            let (shifted_rank, shifted) = self.ranked(direction, &lines);
+            let (shifted_rank, shifted) = self.ranked(direction, set);
             if shifted_rank < AS_HIGH * rank {
                 break;
             }
@@ -356,13 +364,28 @@ impl WayIn {
         Some(ChosenWay { best, others: ways[1..].iter().map(|(_, way)| *way).collect() })
     }
 
+    /// Directions within the tilt limit of one, on rings of its own basis, whose tilts in the plane are among them.
+    fn around(&self, direction: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        let from_z = basis::from_z(direction);
+        let rings = (self.tilt_limit_rad / RINGS_RAD).ceil();
+        let ring = |ring: usize| {
+            let (sin, cos) = (self.tilt_limit_rad * ring as f64 / rings).sin_cos();
+            let count = 4 * (0.5 * PI * sin / RINGS_RAD).ceil().max(1.0) as usize;
+            (0..count).map(move |n| {
+                let (s, c) = (2.0 * PI * n as f64 / count as f64).sin_cos();
+                from_z * Vector3::new(sin * c, sin * s, cos)
+            })
+        };
+        (1..=rings as usize).flat_map(ring).collect()
+    }
+
     /// Refuses a direction along which hardly anything is reached where another reaches much.
     ///
     /// # Errors
     /// [`SceneError::FacesBone`].
     pub fn check(&self, direction: Vector3<f64>) -> Result<(), SceneError> {
-        let lines = self.lines(|d| angle(d, &direction) <= self.tilt_limit_rad);
-        let (_, given) = self.ranked(direction, &lines);
+        let around = self.around(&direction);
+        let (_, given) = self.ranked(direction, (&around, &self.lines(&around)));
         let [least, most] = FACES_BONE;
         if given.reached >= least || self.places.len() < FEW {
             return Ok(());
