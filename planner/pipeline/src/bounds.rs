@@ -87,10 +87,10 @@ impl Bounds {
         times(mean, 1.0).min(times(peak, 1.0)).min(times(zeros, of_time))
     }
 
-    /// The largest share of a bound on peaks that one force reaches.
-    fn of_peaks(&self, force_n: &Vector3<f64>, near: &[&NearStructure]) -> f64 {
+    /// The largest share of a bound on peaks that one force reaches, after a share of the move's way.
+    fn of_peaks(&self, (at, force_n): (f64, &Vector3<f64>), near: &[&NearStructure]) -> f64 {
         let bound_n = |n: &NearStructure| self.near_n[n.structure][JUDGED.len() - 1];
-        let toward = near.iter().map(|n| n.most(force_n) / bound_n(n));
+        let toward = near.iter().map(|n| n.most(force_n, at) / bound_n(n));
         toward.fold(force_n.norm() / self.peak_n.max(LEAST_N), f64::max)
     }
 }
@@ -116,7 +116,9 @@ impl Prepared<'_> {
         let case = &choices.applied_to(self.start.case);
         let near: Vec<_> = (0..self.near.len()).map(|i| self.close_by(i)).collect();
         let slowest = |i: usize| chosen.slowest_mm_s(case, i);
-        let share = |i: usize, force: &EngagedForce| bounds.of_peaks(&force.force_n(slowest(i)), &near[i]);
+        let share = |i: usize, (at, force): (f64, &EngagedForce)| {
+            bounds.of_peaks((at, &force.force_n(slowest(i))), &near[i])
+        };
         let exceeds = |i: usize| chosen.forces_of(i).any(|force| share(i, force) > 1.0 + SAME_SHARE);
         // the shaft turns during a move: both axes make its forces
         let exceeds: Vec<bool> = (0..near.len()).map(exceeds).collect();
@@ -138,7 +140,7 @@ impl Prepared<'_> {
                 // edges push otherwise where a cut is slow
                 let feed = Feed { speed_mm_s: slowest(of), ..sampled.nominal(&feed) };
                 sampled.gather(&mut samples, &feed, bone);
-                Some((of, samples))
+                Some(((of, place), samples))
             };
             let in_corners = |of: usize| turning(swept, of, sampled.has_edges);
             let places = |of: usize| around_back(swept, of).into_iter().chain(PLACES).chain(in_corners(of));
@@ -149,8 +151,8 @@ impl Prepared<'_> {
             let from = from.filter(|(_, place)| *place < 0.5);
             let gathered: Vec<_> = to.chain(from).filter_map(gathered).collect();
             let share = |axis: &Unit<Vector3<f64>>| {
-                let forces = gathered.iter().map(|(of, samples)| (*of, sampled.of(samples, axis)));
-                forces.map(|(of, force)| share(of, &force)).fold(0.0, f64::max)
+                let forces = gathered.iter().map(|(at, samples)| (*at, sampled.of(samples, axis)));
+                forces.map(|((of, place), force)| share(of, (place, &force))).fold(0.0, f64::max)
             };
             let free = self.reached.free.iter(i);
             let all = free.map(|n| (share(&axes[n]).max(1.0), angle_between(&axes[n], wanted), axes[n]));
@@ -172,7 +174,7 @@ impl Prepared<'_> {
         let slower: Vec<f64> = (0..bounds.near_n.len()).map(|n| bounds.slower(forces, n)).collect();
         let cap = |i: usize| {
             let pushed = |n: &&NearStructure| {
-                chosen.forces_of(i).any(|force| n.most(&force.force_n(speed_mm_s[i])) > 0.0)
+                chosen.forces_of(i).any(|(at, force)| n.most(&force.force_n(speed_mm_s[i]), at) > 0.0)
             };
             let near = self.close_by(i);
             let times = near.iter().filter(|n| pushed(n)).map(|n| slower[n.structure]).fold(1.0, f64::min);

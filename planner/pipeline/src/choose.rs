@@ -24,7 +24,7 @@ use super::free_axes::FreeAxes;
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{Oriented, orient};
-use super::path_forces::{ForceWithin, ForcedPath, begin_as_ended};
+use super::path_forces::{ForceWithin, ForcedPath, begin_as_ended, places_of_move};
 use super::prepared::Prepared;
 use super::sampled::SampledForce;
 use super::speeds;
@@ -96,9 +96,9 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// The forces of move i: where it ends and within it.
-    pub(super) fn forces_of(&self, i: usize) -> impl Iterator<Item = &EngagedForce> {
-        self.forces[i].iter().chain(self.within[i].iter().map(|place| &place.force))
+    /// The forces of move i, where it ends and within it, each with the share of its way.
+    pub(super) fn forces_of(&self, i: usize) -> impl Iterator<Item = (f64, &EngagedForce)> {
+        places_of_move(self.forces[i].as_ref(), &self.within[i])
     }
 
     /// The slowest that move i may be, mm/s.
@@ -217,7 +217,7 @@ impl Prepared<'_> {
         let (reached, forced) = (&self.reached, self.forced());
         let swept = forced.swept(case);
         let terms = terms(case, &self.near)?;
-        let weighted = levels::weighted(case, &self.near)?;
+        let weighted = levels::weighted_at_ends(case, &self.near)?;
         let objective = match choices.goal {
             None => AxisObjective::Dillon(&terms),
             Some(_) => AxisObjective::Levels(LevelTimes::new(&case.speed, &weighted)),

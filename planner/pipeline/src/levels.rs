@@ -11,7 +11,7 @@ use bonemill_setup::nearest_structures::NearStructure;
 use nalgebra::Matrix3;
 
 use super::axis_cost::Weighted;
-use super::path_forces::ForceWithin;
+use super::path_forces::{ForceWithin, places_of_move};
 
 /// The law of importance of a case.
 ///
@@ -26,15 +26,26 @@ pub(super) fn weight(importance: &Importance, case: &Case, n: &NearStructure) ->
     importance.weight(&n.proximity, case.rank(n.structure))
 }
 
-/// The weights of the structures near each waypoint, with the directions to them, in the order of [`NearStructure::in_both_directions`].
+/// The weights of structures, with the directions to them after a share of a move's way, in the order of [`NearStructure::in_both_directions`].
+pub(super) fn weighted(
+    (law, case): (&Importance, &Case),
+    near: &[NearStructure],
+    share: f64,
+) -> Vec<Weighted> {
+    let of = |n: &NearStructure| (weight(law, case, n), n.proximity.toward);
+    NearStructure::in_both_directions(near, share).iter().map(of).collect()
+}
+
+/// The same at every waypoint.
 ///
 /// # Errors
 /// As [`importance`].
-pub(super) fn weighted(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Vec<Weighted>>, ModelError> {
+pub(super) fn weighted_at_ends(
+    case: &Case,
+    near: &[Vec<NearStructure>],
+) -> Result<Vec<Vec<Weighted>>, ModelError> {
     let law = importance(case)?;
-    let of = |n: &NearStructure| (weight(&law, case, n), n.proximity.toward);
-    let both = |near: &Vec<NearStructure>| NearStructure::in_both_directions(near).iter().map(of).collect();
-    Ok(near.iter().map(both).collect())
+    Ok(near.iter().map(|near| weighted((&law, case), near, 1.0)).collect())
 }
 
 /// What pushes the burr at every waypoint where it cuts.
@@ -47,15 +58,16 @@ pub(super) fn pushes(
     (ends, within): (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
     compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
-    let weighted = weighted(case, near)?;
+    let law = importance(case)?;
     let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
-    let of = |(i, toward): (usize, Vec<_>)| {
+    let of = |(i, near): (usize, &Vec<_>)| {
         let compliance = compliances.and_then(|c| c.get(i));
-        let mut forces =
-            ends[i].iter().chain(within.get(i).into_iter().flatten().map(|place| &place.force)).peekable();
-        forces.peek().is_some().then(|| CutPushes::new(forces, compliance, &toward))
+        let within = within.get(i).map_or(&[][..], Vec::as_slice);
+        let places = places_of_move(ends[i].as_ref(), within);
+        let mut places = places.map(|(at, force)| (force, weighted((&law, case), near, at))).peekable();
+        places.peek().is_some().then(|| CutPushes::new(places, compliance))
     };
-    Ok(weighted.into_iter().enumerate().map(of).collect())
+    Ok(near.iter().enumerate().map(of).collect())
 }
 
 /// The same with [`SpeedMode::LeastForce`]; empty in any other mode.

@@ -128,6 +128,8 @@ struct Binding {
     cap: Cap,
     fastest_mm_s: f64,
     force: EngagedForce,
+    /// Share of the move's way after which it is.
+    share: f64,
 }
 
 /// The key of a cap in the case.
@@ -162,22 +164,23 @@ impl<'a> Caps<'a> {
         Self { case, prepared, chosen, caps, burr }
     }
 
-    fn near(&self, i: usize) -> Vec<NearStructure> {
-        NearStructure::in_both_directions(&self.prepared.near[i])
+    /// The structures near move i as they are seen after a share of its way.
+    fn near(&self, i: usize, share: f64) -> Vec<NearStructure> {
+        NearStructure::in_both_directions(&self.prepared.near[i], share)
     }
 
-    /// The structures near move i, and the arm's compliance there.
-    fn around(&self, i: usize) -> (Vec<Proximity>, Option<&Matrix3<f64>>) {
-        let near = self.near(i).iter().map(|n| n.proximity).collect();
+    /// The same, and the arm's compliance there.
+    fn around(&self, i: usize, share: f64) -> (Vec<Proximity>, Option<&Matrix3<f64>>) {
+        let near = self.near(i, share).iter().map(|n| n.proximity).collect();
         (near, self.chosen.compliances.as_ref().map(|c| &c[i]))
     }
 
     /// Every cap on move i, for each of its forces.
     fn for_each(&self, i: usize, mut take: impl FnMut(Binding)) {
-        let (near, compliance) = self.around(i);
-        for force in self.chosen.forces_of(i) {
+        for (share, force) in self.chosen.forces_of(i) {
+            let (near, compliance) = self.around(i, share);
             self.caps.for_each(self.burr, force, (&near, compliance), |cap, fastest_mm_s| {
-                take(Binding { cap, fastest_mm_s, force: *force });
+                take(Binding { cap, fastest_mm_s, force: *force, share });
             });
         }
     }
@@ -185,7 +188,7 @@ impl<'a> Caps<'a> {
     /// A cap with its figure, and by how much the worst move breaks it.
     fn words(&self, key: &str, Broken { moves, worst, binding, .. }: &Broken) -> String {
         let slowest_mm_s = self.chosen.slowest_mm_s(self.case, *worst);
-        let (near, compliance) = self.around(*worst);
+        let (near, compliance) = self.around(*worst, binding.share);
         let around = (&near[..], compliance);
         let taken = self.caps.taken((binding.cap, slowest_mm_s), self.burr, &binding.force, around);
         let (factor, unit) = match binding.cap {
@@ -196,7 +199,7 @@ impl<'a> Caps<'a> {
         let [taken, most] = taken.unwrap_or_default().map(|of| factor * of);
         let from = match binding.cap {
             Cap::Toward(n) => {
-                let near = self.near(*worst)[n];
+                let near = self.near(*worst, binding.share)[n];
                 let name = self.case.structures.get(near.structure).map_or("", |s| s.name.as_str());
                 format!(", {:.2} mm from {name}", near.proximity.distance_mm - self.burr.radius_mm)
             }

@@ -20,7 +20,7 @@ use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::sampled::SampledForce;
+use super::sampled::{self, SampledForce};
 use super::speeds::JointMotion;
 use super::start::Start;
 
@@ -31,8 +31,9 @@ const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
 /// Places in the middle of rounded corners, as [`SweptPath::bone_within`] counts them ..
 const TURNING: &[f64] = &[1.25, 1.5, 1.75];
-/// .. and, where edges push without a chip, in all corners: such forces jump with the direction.
-const TURNING_WITH_EDGES: &[f64] = &[1.05, 1.25, 1.5, 1.75, 1.95, 2.5, 3.5];
+/// .. and, where edges push without a chip, in all corners, since such forces jump with the direction: in one that is not rounded, and at every
+/// vertex of others.
+const TURNING_WITH_EDGES: [&[f64]; 2] = [&[0.05, 0.25, 0.5, 0.75, 0.95], &[0.05, 0.5]];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
@@ -45,8 +46,10 @@ const APART: f64 = 0.07;
 const AS_LARGE: f64 = 0.9;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
-/// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
-const LEAST_CORNER_MM: f64 = 2e-3;
+/// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm, and the steps to the middle of the others ..
+const CORNERS: (f64, usize) = (2e-3, 1);
+/// .. and where edges push without a chip.
+const CORNERS_WITH_EDGES: (f64, usize) = (5e-4, 4);
 
 /// A path as forces see it; one entry per waypoint.
 #[derive(Debug, Clone, Copy)]
@@ -67,43 +70,52 @@ pub struct ForceWithin {
     share: f64,
 }
 
-/// The mean over a move, of a length, mm, a time, s, and a greatest speed, mm/s, of what is asked of the force; 0 for a move that removes
-/// nothing where it ends. `passed`: the share of the time that has passed after a share of the way. Only edge forces need it: the others
+/// The mean over a move, of a length, mm, a time, s, and a greatest speed, mm/s, of what is asked of the force and the share of the move's way
+/// after which it is; 0 for a move that removes nothing where it ends. `passed`: the share of the time that has passed after a share of the way. Only edge forces need it: the others
 /// grow with the speed, so that what they add up to depends on the way alone.
 pub(super) fn mean_of_move(
     end: Option<&EngagedForce>,
     within: &[ForceWithin],
     [length_mm, seconds, driven_mm_s]: [f64; 3],
     passed: impl Fn(f64) -> f64,
-    of: impl Fn(&Vector3<f64>) -> f64,
+    of: impl Fn(&Vector3<f64>, f64) -> f64,
 ) -> f64 {
     let Some(end) = end.filter(|_| seconds > 0.0) else { return 0.0 };
-    let places = within.iter().filter(|place| place.share > 0.0).map(|place| (place.share, &place.force));
-    let rest = 1.0 - places.clone().map(|(share, _)| share).sum::<f64>();
-    let places = places.chain([(rest, end)]);
-    let has_edges = places.clone().any(|(_, force)| force.edge_n != Vector3::zeros());
+    let places = within.iter().filter(|place| place.share > 0.0);
+    let places = places.map(|place| (place.share, place.at, &place.force));
+    let rest = 1.0 - places.clone().map(|(share, ..)| share).sum::<f64>();
+    let places = places.chain([(rest, 1.0, end)]);
+    let has_edges = places.clone().any(|(.., force)| force.edge_n != Vector3::zeros());
     let (mut way, mut time, mut sum) = (0.0, 0.0, 0.0);
-    for (share, force) in places {
+    for (share, at, force) in places {
         way += share;
         let took = if has_edges { passed(way) - time } else { share };
         time += took;
         if took > 0.0 {
             let mean_mm_s = share * length_mm / (took * seconds);
-            sum += took * of(&force.force_n(mean_mm_s.min(driven_mm_s)));
+            sum += took * of(&force.force_n(mean_mm_s.min(driven_mm_s)), at);
         }
     }
     sum
 }
 
-/// Forces of a move between which all of its forces lie: those at its greatest speed, mm/s, and, as far as edges push without a chip,
-/// those as it comes to rest. A component toward a structure may be larger there.
+/// The forces of a move, each with the share of the move's way after which it is.
+pub(super) fn places_of_move<'a>(
+    end: Option<&'a EngagedForce>,
+    within: &'a [ForceWithin],
+) -> impl Iterator<Item = (f64, &'a EngagedForce)> {
+    end.map(|end| (1.0, end)).into_iter().chain(within.iter().map(|place| (place.at, &place.force)))
+}
+
+/// Forces of a move between which all of its forces lie, each with the share of its way: those at its greatest speed, mm/s, and, as far as
+/// edges push without a chip, those as it comes to rest. A component toward a structure may be larger there.
 pub(super) fn extremes_of_move<'a>(
     end: Option<&'a EngagedForce>,
     within: &'a [ForceWithin],
     driven_mm_s: f64,
-) -> impl Iterator<Item = Vector3<f64>> + 'a {
-    let places = end.into_iter().chain(within.iter().map(|place| &place.force));
-    places.flat_map(move |force| [force.force_n(driven_mm_s), force.edge_n])
+) -> impl Iterator<Item = (f64, Vector3<f64>)> + 'a {
+    places_of_move(end, within)
+        .flat_map(move |(at, force)| [(at, force.force_n(driven_mm_s)), (at, force.edge_n)])
 }
 
 /// Forces along a move, by the shares of its way at which they are, the last at its end: all but the last, each with the share of the way
@@ -136,14 +148,20 @@ pub(super) fn begin_as_ended(within: &mut [Vec<ForceWithin>], ends: &[Option<Eng
 }
 
 /// The corners that an arm rounds along its motion, in the path's order.
-fn rounded_corners(start: &Start, motion: &ArmMotion) -> Result<Vec<RoundedCorner>, PlanError> {
+fn rounded_corners(
+    (start, case): (&Start, &Case),
+    motion: &ArmMotion,
+) -> Result<Vec<RoundedCorner>, PlanError> {
     let work_from_base = start.base_from_work.inverse();
     let place = |q: Vec<f64>| {
         let tool: Rigid<Base, Tool> = start.arm.tool_at(&q);
         work_from_base * Point::<Base>::from_coords(tool.translation_mm)
     };
-    let corners = JointMotion::new(motion, start.arm)?.burr_corners(LEAST_CORNER_MM).into_iter();
-    Ok(corners.map(|(waypoints, q)| RoundedCorner { waypoints, at: q.map(place) }).collect())
+    let (least_mm, half) = if sampled::has_edges(case) { CORNERS_WITH_EDGES } else { CORNERS };
+    let corners = JointMotion::new(motion, start.arm)?.burr_corners(least_mm, half).into_iter();
+    let of =
+        |(waypoints, q): (_, Vec<_>)| RoundedCorner { waypoints, at: q.into_iter().map(place).collect() };
+    Ok(corners.map(of).collect())
 }
 
 /// Places around the one where move i comes back to a rounded corner, as shares of its way.
@@ -153,18 +171,19 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
 }
 
 /// Places in the corners of move i.
-pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> impl Iterator<Item = f64> {
-    let places = match (has_edges, swept.is_rounded(i)) {
-        (true, _) => TURNING_WITH_EDGES,
-        (false, true) => TURNING,
-        (false, false) => &[],
-    };
-    places.iter().copied()
+pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> Vec<f64> {
+    let turned = TURNING_WITH_EDGES[usize::from(swept.rounding(i).count() > 1)];
+    let turns = |vertex: f64| turned.iter().map(move |turned| vertex + turned);
+    match (has_edges, swept.is_rounded(i)) {
+        (true, _) => swept.rounding(i).flat_map(turns).collect(),
+        (false, true) => TURNING.to_vec(),
+        (false, false) => Vec::new(),
+    }
 }
 
 /// The shaft's axis after a share of the way of move i: it turns during the move.
 fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
-    Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share.min(1.0)))
+    Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share.clamp(0.0, 1.0)))
 }
 
 /// A case's force as finely as it is stated.
@@ -253,17 +272,17 @@ impl ForcedPath<'_> {
         let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
             let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
             let mut is_fine: Vec<bool> = places.iter().map(|place| place.at == 0.0).collect();
-            let near = NearStructure::in_both_directions(&near[i]);
-            let towards = near.iter().map(|n| n.proximity.toward.into_inner());
-            for toward in towards.map(Some).chain([None]) {
-                let along = |n: &Vector3<f64>| toward.map_or_else(|| n.norm(), |toward| n.dot(&toward));
-                let size = |force: &EngagedForce| along(&pushes(force)).max(along(&force.edge_n));
+            for near in near[i].iter().map(Some).chain([None]) {
+                let along = |n: &Vector3<f64>, at| near.map_or_else(|| n.norm(), |near| near.most(n, at));
+                let size =
+                    |at: f64, force: &EngagedForce| along(&pushes(force), at).max(along(&force.edge_n, at));
+                let size_of = |place: &ForceWithin| size(place.at, &place.force);
                 let known = places.iter().zip(&is_fine).filter(|(_, fine)| **fine);
-                let known = known.map(|(place, _)| size(&place.force));
-                let largest = known.chain(ends[i].as_ref().map(size)).fold(0.0, f64::max);
+                let known = known.map(|(place, _)| size_of(place));
+                let largest = known.chain(ends[i].as_ref().map(|end| size(1.0, end))).fold(0.0, f64::max);
                 let coarse = (0..places.len()).filter(|n| !is_fine[*n]);
-                let next = coarse.max_by(|a, b| size(&places[*a].force).total_cmp(&size(&places[*b].force)));
-                if let Some(n) = next.filter(|n| size(&places[*n].force) > AS_LARGE * largest) {
+                let next = coarse.max_by(|a, b| size_of(&places[*a]).total_cmp(&size_of(&places[*b])));
+                if let Some(n) = next.filter(|n| size_of(&places[*n]) > AS_LARGE * largest) {
                     is_fine[n] = true;
                     let (weight, at) = (|density| fine.material.weight(density), places[n].at);
                     let found = swept.bone_within((i as u32, at), fine.kernel.sample_radius_mm(), weight);
@@ -292,7 +311,8 @@ impl ForcedPath<'_> {
         (start, case): (&Start, &Case),
         motion: &ArmMotion,
     ) -> Result<SweptPath<'_>, PlanError> {
-        let (corners, ball) = (rounded_corners(start, motion)?, Ball { radius_mm: case.burr.radius_mm });
+        let (corners, ball) =
+            (rounded_corners((start, case), motion)?, Ball { radius_mm: case.burr.radius_mm });
         Ok(SweptPath::driven(self.scene, self.removal, self.points, ball, &corners))
     }
 
@@ -370,7 +390,7 @@ mod tests {
         let within = shared([0.5, 0.1, 0.9, 1.0].map(|share| (share, at(share))).into());
         assert_eq!(within.len(), 3);
         let mean = |of: fn(&Vector3<f64>) -> f64| {
-            mean_of_move(Some(&at(1.0)), &within, [2.0, 1.0, 1e3], |way| way * way, of)
+            mean_of_move(Some(&at(1.0)), &within, [2.0, 1.0, 1e3], |way| way * way, |force, _| of(force))
         };
         // exact but for the first tenth, which counts as its end
         assert!((mean(|force| force.x) - 2.0 * (0.7 + 0.005)).abs() < 1e-12);
@@ -379,6 +399,6 @@ mod tests {
         let took = [until[0], until[1] - until[0], until[2] - until[1], until[3] - until[2]];
         let edges = took[0] * 0.1 + took[1] * 0.5 + took[2] * 0.9 + took[3];
         assert!((mean(|force| force.y) - edges).abs() < 1e-12);
-        assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |way| way, |force| force.x), 2.4);
+        assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |way| way, |force, _| force.x), 2.4);
     }
 }

@@ -243,7 +243,7 @@ impl<'a> Drafts<'a> {
     fn along_best(&self, draft: &Draft, goal: &Goal) -> Result<Option<Vec<Option<EngagedForce>>>, PlanError> {
         let Some(free) = &draft.free else { return Ok(None) };
         let case = self.start.case;
-        let weighted = levels::weighted(case, &draft.near)?;
+        let weighted = levels::weighted_at_ends(case, &draft.near)?;
         let times = LevelTimes::new(&case.speed, &weighted);
         let field = CostField {
             swept: &self.swept(draft),

@@ -247,18 +247,19 @@ impl StructureForces {
         for (row, end) in ends.iter().enumerate() {
             let within = within.get(row).map_or(&[][..], Vec::as_slice);
             let peaks: Vec<_> = extremes_of_move(end.as_ref(), within, speed_mm_s[row]).collect();
-            let largest_n = peaks.iter().map(|force| force.norm()).fold(0.0, f64::max);
+            let largest_n = peaks.iter().map(|(_, force)| force.norm()).fold(0.0, f64::max);
             peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
             let driven = [length_mm[row], taken, speed_mm_s[row]];
             let passed = |way: f64| passed(row, way);
-            let mean_of =
-                |of: &dyn Fn(&Vector3<f64>) -> f64| mean_of_move(end.as_ref(), within, driven, passed, of);
+            let mean_of = |of: &dyn Fn(&Vector3<f64>, f64) -> f64| {
+                mean_of_move(end.as_ref(), within, driven, passed, of)
+            };
             cutting_s += taken;
-            impulse += taken * mean_of(&Vector3::norm);
+            impulse += taken * mean_of(&|force, _| force.norm());
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {
-                let toward = |force: &Vector3<f64>| force.dot(&n.proximity.toward).max(0.0);
-                let peak_n = peaks.iter().map(|force| n.most(force)).fold(0.0, f64::max);
+                let toward = |force: &Vector3<f64>, at: f64| force.dot(&n.toward(at)).max(0.0);
+                let peak_n = peaks.iter().map(|(at, force)| n.most(force, *at)).fold(0.0, f64::max);
                 let span = TowardSpan { seconds: taken, force_n: mean_of(&toward), peak_n, row };
                 spans[n.structure].push((span, n.proximity.distance_mm));
             }

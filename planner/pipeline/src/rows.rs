@@ -38,8 +38,8 @@ impl Attempt<'_> {
             mass_mg: moments.mass_mg(),
             inertia: cuts.then(|| moments.inertia_normalised(axis_work)),
             force_n: scene.ct_from_work.rotate(&push.force_n),
-            peak_force_n: self.peaks(i).map(|force| force.norm()).fold(0.0, f64::max),
-            mean_force_n: self.mean(i, Vector3::norm),
+            peak_force_n: self.peaks(i).map(|(_, force)| force.norm()).fold(0.0, f64::max),
+            mean_force_n: self.mean(i, |force, _| force.norm()),
             force_toward_n: toward.map(|t| t.force_n),
             structure: nearest.map(|n| n.structure),
             distance_mm: nearest.map(|n| n.proximity.distance_mm),
@@ -70,20 +70,20 @@ impl Attempt<'_> {
             distance_mm: near.proximity.distance_mm,
             toward: self.prepared.start.scene.ct_from_work.rotate(&near.proximity.toward),
             force_toward_n: toward.force_n,
-            peak_toward_n: self.peaks(waypoint).map(|force| near.most(&force)).fold(0.0, f64::max),
-            mean_toward_n: self.mean(waypoint, |force| force.dot(&near.proximity.toward).max(0.0)),
+            peak_toward_n: self.peaks(waypoint).map(|(at, force)| near.most(&force, at)).fold(0.0, f64::max),
+            mean_toward_n: self.mean(waypoint, |force, at| force.dot(&near.toward(at)).max(0.0)),
             deflection_toward_um: toward.deflection_um,
         }
     }
 
-    /// Forces that bound those of the move to waypoint i as it is driven, work, N.
-    fn peaks(&self, i: usize) -> impl Iterator<Item = Vector3<f64>> {
+    /// Forces that bound those of the move to waypoint i as it is driven, work, N, each with the share of the move's way.
+    fn peaks(&self, i: usize) -> impl Iterator<Item = (f64, Vector3<f64>)> {
         let driven_mm_s = self.timing.driven.driven_mm_s[i];
         extremes_of_move(self.chosen.forces[i].as_ref(), &self.chosen.within[i], driven_mm_s)
     }
 
-    /// The mean over the move to waypoint i of what is asked of the force, work.
-    fn mean(&self, i: usize, of: impl Fn(&Vector3<f64>) -> f64) -> f64 {
+    /// The mean over the move to waypoint i of what is asked of the force, work, and the share of the move's way.
+    fn mean(&self, i: usize, of: impl Fn(&Vector3<f64>, f64) -> f64) -> f64 {
         let driven = &self.timing.driven;
         let seconds = driven.times_s[i] - i.checked_sub(1).map_or(0.0, |before| driven.times_s[before]);
         let figures = [self.prepared.length_mm()[i], seconds, driven.driven_mm_s[i]];

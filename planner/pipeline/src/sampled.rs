@@ -22,7 +22,7 @@ pub struct SampledForce {
 }
 
 /// Whether edges push without a chip.
-fn has_edges(case: &Case) -> bool {
+pub(super) fn has_edges(case: &Case) -> bool {
     case.material.k_edge_n_mm != [0.0; 3]
 }
 

@@ -56,7 +56,7 @@ impl SpeedLevels {
             let (toward_n, overall) = (toward.map_or(0.0, |(push, _)| push), pushes.overall(*speed));
             found.toward = found.toward.max(toward_n.min(levels.toward));
             found.overall = found.overall.max(overall.min(levels.overall));
-            let both = || NearStructure::in_both_directions(&near[waypoint]);
+            let both = || NearStructure::in_both_directions(&near[waypoint], 1.0);
             let structure = toward.map(|(_, n)| both()[n].structure);
             let beyond = |push: f64, level: f64| (push > level * (1.0 + ROUNDING)).then_some(push - level);
             let toward = beyond(toward_n, levels.toward).map(|by| Exceeded { waypoint, by, structure });
@@ -113,7 +113,7 @@ mod tests {
             |structure| NearStructure::new(structure, Proximity::new(Vector3::x() * 4.0, 3.5).unwrap());
         let push = |x: f64, y: f64| {
             let force = EngagedForce { cut_n_per_mm_s: Vector3::new(x, y, 0.0), ..EngagedForce::ZERO };
-            Some(CutPushes::new(std::iter::once(&force), None, &[(1.0, Vector3::x_axis())]))
+            Some(CutPushes::new(std::iter::once((&force, vec![(1.0, Vector3::x_axis())])), None))
         };
         let pushes = [push(0.1, 0.0), None, push(0.4, 0.0), push(-0.1, 6.0), push(0.5, 0.0)];
         let near: Vec<Vec<NearStructure>> = (0..5).map(|n| vec![near(n)]).collect();
@@ -130,9 +130,9 @@ mod tests {
         // a push in the direction before is one toward the structure to which the direction jumped
         let jumped = NearStructure { before: Some(Vector3::y_axis()), ..near[3][0] };
         let both = vec![jumped, near[4][0]];
-        let toward = [(1.0, -Vector3::x_axis()), (1.0, -Vector3::x_axis()), (1.0, Vector3::y_axis())];
+        let toward = vec![(1.0, -Vector3::x_axis()), (1.0, -Vector3::x_axis()), (1.0, Vector3::y_axis())];
         let force = EngagedForce { cut_n_per_mm_s: Vector3::y() * 6.0, ..EngagedForce::ZERO };
-        let pushes = [Some(CutPushes::new(std::iter::once(&force), None, &toward))];
+        let pushes = [Some(CutPushes::new(std::iter::once((&force, toward)), None))];
         let found = SpeedLevels::of(&levels, &pushes, &[0.5], &[both], false);
         assert_eq!(found.worst.unwrap().structure, Some(3));
     }

@@ -169,12 +169,12 @@ impl<'a> JointMotion<'a> {
         Ok(Self { dense, prepared: PreparedPath::new(&path, &limits)? })
     }
 
-    /// The waypoints at whose rounded corner the burr leaves the path by at least `least_mm`, with the joint vectors where the corner
-    /// begins, in its middle and where it ends.
-    pub fn burr_corners(&self, least_mm: f64) -> Vec<(Range<usize>, [Vec<f64>; 3])> {
+    /// The waypoints at whose rounded corner the burr leaves the path by at least `least_mm`, with the joint vectors from where the corner
+    /// begins to where it ends, `half` steps to its middle.
+    pub fn burr_corners(&self, least_mm: f64, half: usize) -> Vec<(Range<usize>, Vec<Vec<f64>>)> {
         let up_to = |place: usize| self.dense.waypoints.partition_point(|of| *of < place);
         let of_waypoints = |(at, q): (Range<usize>, _)| (up_to(at.start)..up_to(at.end), q);
-        let corners = self.prepared.burr_corners(least_mm).into_iter().map(of_waypoints);
+        let corners = self.prepared.burr_corners(least_mm, half).into_iter().map(of_waypoints);
         corners.filter(|(waypoints, _)| !waypoints.is_empty()).collect()
     }
 

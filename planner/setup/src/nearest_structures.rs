@@ -11,8 +11,8 @@ use bonemill_cutting::burr::ModelError;
 use bonemill_cutting::cost::Proximity;
 use bonemill_planfile::toward::INFLUENCE_MM;
 
-/// Between two waypoints the direction to a structure jumps if it changes by more than this, rad: another part of the structure has become
-/// the nearest, or the burr went far around one part.
+/// Between two waypoints the direction to a structure jumps if it changes by more than this, rad, and the points that were and are the nearest
+/// lie as far apart as seen from where the move ends: another part of the structure has become the nearest.
 const JUMP_RAD: f64 = 0.1;
 
 /// The nearest structure of a waypoint.
@@ -20,31 +20,38 @@ const JUMP_RAD: f64 = 0.1;
 pub struct NearStructure {
     /// Its number in the case.
     pub structure: usize,
-    /// Direction, distance and least distance.
+    /// Direction, distance and least distance, where the move ends.
     pub proximity: Proximity,
-    /// Where the direction jumps within the move, that to the part which was the nearest at the waypoint before.
+    /// The direction where the move begins, or the same where it jumps within the move.
+    pub begins: Unit<Vector3<f64>>,
+    /// Where it jumps, that to the part which was the nearest at the waypoint before.
     pub before: Option<Unit<Vector3<f64>>>,
 }
 
 impl NearStructure {
     /// Of a place that no move leads to.
     pub fn new(structure: usize, proximity: Proximity) -> Self {
-        Self { structure, proximity, before: None }
+        Self { structure, proximity, begins: proximity.toward, before: None }
     }
 
-    /// The largest part of a force toward it within the move; below 0 if it points away.
-    pub fn most(&self, force: &Vector3<f64>) -> f64 {
-        let toward = force.dot(&self.proximity.toward);
+    /// The direction to it after a share of the move's way. Along a straight move it is the same up to the squared change, whether the nearest
+    /// point stays or moves along with the burr; beyond 0 and 1 are its corners.
+    pub fn toward(&self, share: f64) -> Unit<Vector3<f64>> {
+        Unit::new_normalize(self.begins.lerp(&self.proximity.toward, share.clamp(0.0, 1.0)))
+    }
+
+    /// The largest part of a force toward it after a share of the move's way; below 0 if it points away.
+    pub fn most(&self, force: &Vector3<f64>, share: f64) -> f64 {
+        let toward = force.dot(&self.toward(share));
         self.before.map_or(toward, |before| toward.max(force.dot(&before)))
     }
 
-    /// The structures near a waypoint, and again those to which the direction jumps, with the direction before.
-    pub fn in_both_directions(near: &[Self]) -> Vec<Self> {
-        let again = |n: &Self| {
-            let toward = n.before?;
-            Some(Self { proximity: Proximity { toward, ..n.proximity }, ..*n })
-        };
-        near.iter().copied().chain(near.iter().filter_map(again)).collect()
+    /// The structures near a waypoint as they are seen after a share of the move to it, and again those to which the direction jumps, with the
+    /// direction before.
+    pub fn in_both_directions(near: &[Self], share: f64) -> Vec<Self> {
+        let facing = |n: &Self, toward| Self { proximity: Proximity { toward, ..n.proximity }, ..*n };
+        let seen = near.iter().map(|n| facing(n, n.toward(share)));
+        seen.chain(near.iter().filter_map(|n| Some(facing(n, n.before?)))).collect()
     }
 }
 
@@ -128,21 +135,23 @@ pub fn along(
     Ok(near)
 }
 
-/// Finds where the direction to a structure jumps from one waypoint to the next.
+/// Finds how the direction to a structure changes from one waypoint to the next, and where it jumps.
 fn find_jumps(near: &mut [Vec<NearStructure>], centers: &[Point<Work>]) {
     for i in 1..near.len() {
         let [before, here] = &mut near[i - 1..=i] else { continue };
         for n in here {
             let same = before.iter().map(|other| (other.structure, &other.proximity));
-            let same =
+            let mut same =
                 same.filter(|(structure, _)| *structure == n.structure).map(|(_, proximity)| proximity);
-            let jumps = same.filter(|other| other.toward.angle(&n.proximity.toward) > JUMP_RAD);
+            let Some(other) = same.next() else { continue };
             // the nearest point of the waypoint before, seen from here
-            let seen = |other: &Proximity| {
-                let point = centers[i - 1].coords + other.toward.into_inner() * other.distance_mm;
-                Unit::try_new(point - centers[i].coords, 1e-9)
-            };
-            n.before = jumps.filter_map(seen).next();
+            let point = centers[i - 1].coords + other.toward.into_inner() * other.distance_mm;
+            let seen = Unit::try_new(point - centers[i].coords, 1e-9);
+            let is_other = |direction: &Unit<Vector3<f64>>| direction.angle(&n.proximity.toward) > JUMP_RAD;
+            n.before = seen.filter(|seen| is_other(&other.toward) && is_other(seen));
+            if n.before.is_none() {
+                n.begins = other.toward;
+            }
         }
     }
 }
@@ -182,11 +191,28 @@ mod tests {
         // the part that was the nearest, from where the burr is now
         let to_before = Vector3::new(4.0 * 0.05f64.cos(), 4.0 * 0.05f64.sin() - 1.0, 0.0);
         assert!(path[2][1].before.unwrap().angle(&to_before) < 1e-9);
-        let both = NearStructure::in_both_directions(&path[2]);
+        let both = NearStructure::in_both_directions(&path[2], 0.0);
         assert_eq!(both.iter().map(|n| n.structure).collect::<Vec<_>>(), [1, 0, 0]);
         let force = Vector3::new(1.0, -0.5, 0.0);
         let toward = both.iter().map(|n| force.dot(&n.proximity.toward));
-        assert_eq!(path[2][1].most(&force), toward.skip(1).fold(f64::MIN, f64::max));
-        assert!(path[2][1].most(&force) > force.dot(&path[2][1].proximity.toward) + 0.1);
+        assert_eq!(path[2][1].most(&force, 0.0), toward.skip(1).fold(f64::MIN, f64::max));
+        assert!(path[2][1].most(&force, 1.0) > force.dot(&path[2][1].proximity.toward) + 0.1);
+    }
+
+    #[test]
+    fn within_a_move_a_structure_is_seen_from_where_the_burr_is() {
+        // past a point 3 mm aside, and along a face 3 mm aside
+        let centers = [0.0, 0.6].map(|x| Point::new(x, 0.0, 0.0));
+        for point in [|_: f64| Vector3::new(0.2, 3.0, 0.0), |x: f64| Vector3::new(x, 3.0, 0.0)] {
+            let to_nearest = |x: f64| point(x) - Vector3::x() * x;
+            let at = |x: f64| vec![NearStructure::new(0, Proximity::new(to_nearest(x), 2.0).unwrap())];
+            let mut path = vec![at(0.0), at(0.6)];
+            find_jumps(&mut path, &centers);
+            assert_eq!(path[1][0].before, None);
+            for share in [0.0, 0.3, 0.7, 1.0] {
+                assert!(path[1][0].toward(share).angle(&to_nearest(0.6 * share)) < 1e-3, "{share}");
+            }
+            assert_eq!(path[1][0].toward(1.5), path[1][0].proximity.toward);
+        }
     }
 }

@@ -40,8 +40,9 @@ const LARGEST_PATCH: f64 = 0.1;
 pub struct RoundedCorner {
     /// The waypoint at the corner, or several in the same place.
     pub waypoints: Range<usize>,
-    /// Where the burr's centre leaves the line before it, where it passes the corner, and where it meets the line behind it.
-    pub at: [Point<Work>; 3],
+    /// Places of the burr's centre, as many before the one where it passes the corner as behind: from where it leaves the line before the
+    /// corner to where it meets the line behind.
+    pub at: Vec<Point<Work>>,
 }
 
 /// The path as straight runs with an index by position.
@@ -50,12 +51,12 @@ pub struct SweptPath<'a> {
     scene: &'a Scene,
     times: Vec<CellTimes>,
     last_times: LastTimes,
-    /// The driven path: the waypoints, with three points in the place of one at a rounded corner.
+    /// The driven path: the waypoints, with the places of a rounded corner in the place of one.
     vertices: Vec<Vector3<f64>>,
     /// The vertex at which the move to each waypoint ends.
     end_of: Vec<u32>,
-    /// Whether it ends in a rounded corner.
-    is_rounded: Vec<bool>,
+    /// How many vertices of a rounded corner lie before the one at which it ends; as many lie behind.
+    rounding: Vec<u32>,
     /// Where the move to each waypoint comes back to an earlier rounded corner, as a share of its way.
     comes_back: Vec<Option<f64>>,
     radius_mm: f64,
@@ -82,15 +83,16 @@ impl<'a> SweptPath<'a> {
     ) -> Self {
         let Ball { radius_mm } = ball;
         let (mut vertices, mut end_of) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
-        let mut is_rounded = vec![false; points.len()];
+        let mut rounding = vec![0; points.len()];
         let mut rounded = corners.iter().peekable();
         while end_of.len() < points.len() {
             let i = end_of.len();
             match rounded.next_if(|corner| corner.waypoints.start == i) {
-                Some(RoundedCorner { waypoints, at: [before, middle, behind] }) => {
-                    is_rounded[waypoints.clone()].fill(true);
-                    end_of.resize(waypoints.end, vertices.len() as u32 + 1);
-                    vertices.extend([before.coords, middle.coords, behind.coords]);
+                Some(RoundedCorner { waypoints, at }) => {
+                    let before = at.len() as u32 / 2;
+                    rounding[waypoints.clone()].fill(before);
+                    end_of.resize(waypoints.end, vertices.len() as u32 + before);
+                    vertices.extend(at.iter().map(|place| place.coords));
                 }
                 None => {
                     end_of.push(vertices.len() as u32);
@@ -110,7 +112,7 @@ impl<'a> SweptPath<'a> {
             comes_back: comes_back(points, corners),
             vertices,
             end_of,
-            is_rounded,
+            rounding,
             radius_mm,
             dims: grid.dims(),
             per_mm: 1.0 / grid.spacing_mm().x,
@@ -195,13 +197,20 @@ impl<'a> SweptPath<'a> {
 
     /// Whether the arm rounds the corner where the move to waypoint `index` ends.
     pub fn is_rounded(&self, index: usize) -> bool {
-        self.is_rounded[index]
+        self.rounding[index] > 0
+    }
+
+    /// Vertices of rounded corners on the move to waypoint `index`, as shares of [`Self::bone_within`] without the fraction: of the corner from which
+    /// it comes, and of that where it ends.
+    pub fn rounding(&self, index: usize) -> impl Iterator<Item = f64> {
+        let [from, to] = [index.saturating_sub(1), index].map(|of| self.rounding[of]);
+        (1..=from).rev().map(|n| -f64::from(n)).chain((0..=to).rev().map(|n| 1.0 + f64::from(n)))
     }
 
     /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
-    /// where it does not move. Shares beyond 1 are places of corners, where the burr turns from the direction before the place to that
-    /// behind it, by the fraction of the share: 1 to 2 in the middle of the corner where the move ends, 2 to 3 where the rounding of that one
-    /// begins, 3 to 4 where that of the corner ends from which the move comes.
+    /// where it does not move. Other shares are vertices of rounded corners, where the burr turns from the direction before the vertex to that
+    /// behind it, by the fraction of the share: 1 + n the n-th before the middle of the corner where the move ends, −n the n-th behind the middle of
+    /// that from which it comes.
     pub fn bone_within<W: Fn(f64) -> f64>(
         &self,
         (index, share): (u32, f64),
@@ -212,15 +221,10 @@ impl<'a> SweptPath<'a> {
         if first == last {
             return None;
         }
-        let (center, direction, before) = if share > 1.0 {
-            let is_rounded = |of: u32| self.is_rounded[of as usize];
-            let at = match share {
-                ..2.0 => last,
-                ..3.0 => Some(last - 1).filter(|_| is_rounded(index))?,
-                _ => Some(first + 1).filter(|_| is_rounded(index - 1))?,
-            };
+        let (center, direction, before) = if !(0.0..=1.0).contains(&share) {
+            let at = if share > 1.0 { last - (share as u32 - 1) } else { first + (-share).ceil() as u32 };
             let [from, to] = [self.direction_to(at)?, self.direction_to(at + 1)?];
-            let direction = Unit::try_new(from.lerp(&to, share.fract()), 1e-9)?;
+            let direction = Unit::try_new(from.lerp(&to, share - share.floor()), 1e-9)?;
             (self.vertices[at as usize], direction, at - 1)
         } else {
             let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();

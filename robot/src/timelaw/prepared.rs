@@ -65,8 +65,8 @@ impl PreparedPath {
     }
 
     /// The rounded corners at which the burr leaves the polyline by at least `least_mm`: the given waypoints that lie there, and the joint
-    /// vectors where the corner begins, in its middle and where it ends.
-    pub fn burr_corners(&self, least_mm: f64) -> Vec<(Range<usize>, [Vec<f64>; 3])> {
+    /// vectors at equal steps from where the corner begins to where it ends, `half` steps to its middle.
+    pub fn burr_corners(&self, least_mm: f64, half: usize) -> Vec<(Range<usize>, Vec<Vec<f64>>)> {
         let kept_of = &self.geometry.kept_of;
         let of_kept = |i: usize| {
             let up_to = |kept: usize| kept_of.partition_point(|of| (*of as usize) < kept);
@@ -75,12 +75,12 @@ impl PreparedPath {
         let is_wide = |i: &usize| self.geometry.burr_off_mm(*i) >= least_mm;
         let corner = |i: usize| {
             let l = self.geometry.half_blend_mm[i];
-            let at = [0.0, l, 2.0 * l].map(|x| {
-                let mut q = vec![0.0; self.geometry.dof];
+            let at = |n: usize| {
+                let (x, mut q) = (n as f64 / half as f64 * l, vec![0.0; self.geometry.dof]);
                 self.geometry.at(PathElement::Blend(i as u32), x, |j, [position, ..]| q[j] = position);
                 q
-            });
-            (of_kept(i), at)
+            };
+            (of_kept(i), (0..=2 * half).map(at).collect())
         };
         (0..self.geometry.count()).filter(is_wide).map(corner).collect()
     }

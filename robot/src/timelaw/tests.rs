@@ -274,9 +274,11 @@ fn a_share_of_the_way_is_gone_when_the_burr_is_there() {
 fn a_corner_holds_every_waypoint_in_its_place() {
     let corner = |off: f64| [5.0, off, 0.0, 0.0];
     let case = Case::new(vec![[0.0; 4], corner(0.0), corner(1e-9), corner(5.0)], 14.0);
-    let found = case.prepared(&limits()).burr_corners(2e-3);
-    let [(waypoints, [before, middle, behind])] = &found[..] else { panic!("{found:?}") };
+    let found = case.prepared(&limits()).burr_corners(2e-3, 2);
+    let [(waypoints, places)] = &found[..] else { panic!("{found:?}") };
+    let [before, quarter, middle, _, behind] = &places[..] else { panic!("{places:?}") };
     assert_eq!(*waypoints, 1..3);
+    assert!((before[0]..middle[0]).contains(&quarter[0]) && (before[1]..middle[1]).contains(&quarter[1]));
     assert!(before[0] < 5.0 && before[1] == 0.0 && behind[1] > 0.0 && (behind[0] - 5.0).abs() < 1e-8);
     assert!((middle[0] - 5.0).hypot(middle[1]) > 0.03);
 }

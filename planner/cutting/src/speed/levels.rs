@@ -48,12 +48,11 @@ pub struct CutPushes {
 }
 
 impl CutPushes {
-    /// Of the forces at places within the cut, and of a compliance, mm/N, where deflections count. `toward`: the weight and the
-    /// direction of each structure.
+    /// Of the forces at places within the cut, each with the weight and the direction of the same structures there, and of a compliance, mm/N,
+    /// where deflections count.
     pub fn new<'a>(
-        forces: impl Iterator<Item = &'a EngagedForce>,
+        places: impl Iterator<Item = (&'a EngagedForce, Vec<(f64, Unit<Vector3<f64>>)>)>,
         compliance: Option<&Matrix3<f64>>,
-        toward: &[(f64, Unit<Vector3<f64>>)],
     ) -> Self {
         let pushed = |force: Vector3<f64>| compliance.map_or(force, |c| c * force);
         let or_none = |per_mm_s: f64| if per_mm_s.abs() < NOTHING { 0.0 } else { per_mm_s };
@@ -61,14 +60,17 @@ impl CutPushes {
             let cut = pushed(force.cut_n_per_mm_s);
             [pushed(force.edge_n), if cut.norm() < NOTHING { Vector3::zeros() } else { cut }]
         };
-        let whole: Vec<_> = forces.map(whole).collect();
-        let part = |[edge, cut]: &[Vector3<f64>; 2]| {
+        let mut found = Self { toward: Vec::new(), structures: 0, whole: Vec::new() };
+        for (force, near) in places {
+            let [edge, cut] = whole(force);
             let part = |(weight, direction): &(f64, Unit<Vector3<f64>>)| {
                 [weight * edge.dot(direction), or_none(weight * cut.dot(direction))]
             };
-            toward.iter().map(part).collect::<Vec<_>>()
-        };
-        Self { toward: whole.iter().flat_map(part).collect(), structures: toward.len(), whole }
+            found.toward.extend(near.iter().map(part));
+            found.structures = near.len();
+            found.whole.push([edge, cut]);
+        }
+        found
     }
 
     /// W(v): the largest weighted push toward a structure up to the speed, and which of the structures it is; none where

@@ -77,6 +77,15 @@ fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-size..size).prop_map(Vector3::from)
 }
 
+/// What pushes at some places, each with the same structures.
+fn pushed<'a>(
+    forces: impl IntoIterator<Item = &'a EngagedForce>,
+    compliance: Option<&Matrix3<f64>>,
+    toward: &[(f64, Unit<Vector3<f64>>)],
+) -> CutPushes {
+    CutPushes::new(forces.into_iter().map(|force| (force, toward.to_vec())), compliance)
+}
+
 /// One or two places within a cut, with edge forces up to `edge_n`.
 fn pushes(edge_n: f64) -> impl Strategy<Value = CutPushes> {
     let force = (vector(0.5), vector(edge_n.max(1e-12))).prop_map(move |(cut_n_per_mm_s, edge)| {
@@ -87,7 +96,7 @@ fn pushes(edge_n: f64) -> impl Strategy<Value = CutPushes> {
     (prop::collection::vec(force, 1..3), near).prop_map(|(forces, near)| {
         let toward: Vec<_> =
             near.into_iter().filter_map(|(weight, u)| Some((weight, Unit::try_new(u, 1e-3)?))).collect();
-        CutPushes::new(forces.iter(), None, &toward)
+        pushed(&forces, None, &toward)
     })
 }
 
@@ -153,10 +162,8 @@ proptest! {
 fn what_no_time_allows_stays_at_the_top_and_what_every_time_allows_at_the_least_speed() {
     let along = |cut: Vector3<f64>| EngagedForce { cut_n_per_mm_s: cut, ..EngagedForce::ZERO };
     let near = [(0.5, Vector3::x_axis())];
-    let pushes = vec![
-        CutPushes::new([&along(Vector3::x() * 0.4)].into_iter(), None, &near),
-        CutPushes::new([&along(Vector3::y())].into_iter(), None, &near),
-    ];
+    let pushes =
+        vec![pushed([&along(Vector3::x() * 0.4)], None, &near), pushed([&along(Vector3::y())], None, &near)];
     let path = Path { pushes, length_mm: vec![1.0; 2], acceleration_mm_s2: f64::INFINITY };
     let levels = |total_s: f64| {
         let limit = TimeLimit { total_s, tolerance_s: 1e-9, evaluations: 100 };
@@ -166,7 +173,7 @@ fn what_no_time_allows_stays_at_the_top_and_what_every_time_allows_at_the_least_
     assert_eq!(levels(0.1), path.top());
     assert_eq!(levels(99.0), Levels { toward: 0.0, overall: 0.0, speed_mm_s: 0.5 });
     // without a structure the whole time lowers the level overall
-    let free = CutPushes::new([&along(Vector3::y())].into_iter(), None, &[]);
+    let free = pushed([&along(Vector3::y())], None, &[]);
     assert_eq!((free.toward(2.0), free.overall(2.0)), (None, 2.0));
 }
 
@@ -175,10 +182,10 @@ fn a_compliance_makes_deflections_of_forces() {
     let force = EngagedForce { cut_n_per_mm_s: Vector3::new(1.0, 0.0, 0.0), ..EngagedForce::ZERO };
     let c = Matrix3::new(0.02, 0.01, 0.0, 0.01, 0.05, 0.0, 0.0, 0.0, 0.01);
     let toward = [(0.5, Vector3::y_axis())];
-    let p = CutPushes::new([&force].into_iter(), Some(&c), &toward);
+    let p = pushed([&force], Some(&c), &toward);
     assert!((p.toward(2.0).unwrap().0 - 0.01).abs() < 1e-15);
     assert!((p.overall(2.0) - 2.0 * 0.02f64.hypot(0.01)).abs() < 1e-15);
-    assert_eq!(CutPushes::new([&force].into_iter(), None, &toward).toward(2.0), None);
+    assert_eq!(pushed([&force], None, &toward).toward(2.0), None);
 }
 
 #[test]
@@ -186,7 +193,7 @@ fn a_push_that_falls_with_the_speed_counts_from_rest_and_the_worst_place_counts(
     let force =
         EngagedForce { cut_n_per_mm_s: -Vector3::x(), edge_n: Vector3::x() * 0.6, ..EngagedForce::ZERO };
     let toward = [(0.5, Vector3::x_axis())];
-    let p = CutPushes::new([&force].into_iter(), None, &toward);
+    let p = pushed([&force], None, &toward);
     assert_eq!((p.toward(0.5), p.toward(4.0), p.overall(1.0)), (Some((0.3, 0)), Some((0.3, 0)), 0.6));
     let levels = |toward: f64| Levels { toward, overall: 9.0, speed_mm_s: 4.0 };
     assert_eq!((p.fastest_mm_s(&levels(0.29)), p.fastest_mm_s(&levels(0.3))), (0.0, 4.0));
@@ -194,7 +201,7 @@ fn a_push_that_falls_with_the_speed_counts_from_rest_and_the_worst_place_counts(
     let weak = EngagedForce { cut_n_per_mm_s: Vector3::y() * 0.1, ..EngagedForce::ZERO };
     let strong = EngagedForce { cut_n_per_mm_s: Vector3::y() * 0.4, ..EngagedForce::ZERO };
     let two = [(1.0, Vector3::x_axis()), (0.5, Vector3::y_axis())];
-    let p = CutPushes::new([&weak, &strong].into_iter(), None, &two);
+    let p = pushed([&weak, &strong], None, &two);
     let (push, structure) = p.toward(2.0).unwrap();
     assert!((push - 0.4).abs() < 1e-12 && structure == 1 && (p.overall(2.0) - 0.8).abs() < 1e-12);
 }
