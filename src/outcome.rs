@@ -153,12 +153,12 @@ impl Outcome {
 
     /// Adds the risks under random errors, and a shortfall where one is too large.
     fn add_risk(&mut self, risk: &Risk, keep: f64) {
-        self.text += "under random errors: share of samples that touch (95 % interval); 5, 50 and 95 % quantiles of the distance; clearance that would suffice\n";
+        self.text += "under random errors, the probability of touching (distances and forces: 5, 50 and 95 % quantiles):\n";
         let mut structures = Vec::new();
         for s in &risk.structures {
             let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
             let line = format!(
-                "{}: {:.4} ({:.4} to {:.4}); {low:.2}, {middle:.2}, {high:.2} mm; {:.2} mm",
+                "{}: {:.4} (95 % interval {:.4} to {:.4}), distance {low:.2}, {middle:.2}, {high:.2} mm, a clearance of {:.2} mm would do",
                 s.name, t.estimate, t.low, t.high, s.clearance_mm
             );
             self.text += &format!("  {line}\n");
@@ -173,8 +173,10 @@ impl Outcome {
         let mut forces = Vec::new();
         for f in &risk.forces {
             let [low, middle, high] = f.spread_n;
-            self.text +=
-                &format!("  force, {}: {:.3} N; {low:.3}, {middle:.3}, {high:.3} N\n", f.name, f.planned_n);
+            self.text += &format!(
+                "  force, {}: planned {:.3} N, {low:.3}, {middle:.3}, {high:.3} N\n",
+                f.name, f.planned_n
+            );
             forces.push(json!({ "name": f.name, "planned_n": f.planned_n, "n_05_50_95": f.spread_n }));
         }
         self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
@@ -392,13 +394,15 @@ pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
     if talk == Talk::Machine {
         let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
         let word = if falls_short { "fell_short" } else { "error" };
-        tell_object(&json!({ "outcome": word, "error": error.to_string(), "causes": causes }));
+        tell_object(&json!({ "outcome": word, "error": error.to_string(), "causes": causes }), &said);
     }
 }
 
-/// Prints the object of an error; the exit code tells the error anyway.
-fn tell_object(object: &serde_json::Value) {
-    if let Err(lost) = print(&format!("{object}\n")) {
+/// Prints the object of an error; the exit code tells the error anyway. `said`: what has been told last.
+fn tell_object(object: &serde_json::Value, said: &str) {
+    if let Err(lost) = print(&format!("{object}\n"))
+        && lost.root_cause().to_string() != said
+    {
         eprintln!("error: {lost}: {}", lost.root_cause());
     }
 }
@@ -420,7 +424,7 @@ pub fn tell_usage(said: &clap::Error, wants_json: bool) -> ExitCode {
     if wants_json {
         let text = said.render().to_string();
         let text = text.strip_prefix("error: ").unwrap_or(&text).trim_end();
-        tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }));
+        tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }), &text);
     }
     ExitCode::from(2)
 }

@@ -113,8 +113,9 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     let radius_mm = plan.record.case.burr.radius_mm;
     let said = |keys: &[&str]| stated(plan, &[&["structures", structure.name.as_str()], keys].concat());
     let mut checks = Vec::new();
-    let mut check = |keys: &[&str], [least, most]: [f64; 2]| {
-        let said = said(keys);
+    // `of`: the key whose figure it is
+    let mut check = |keys: &[&str], of: &[&str], [least, most]: [f64; 2]| {
+        let said = said(of);
         let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
         let subject = format!("structures.{}.{}", structure.name, keys.join("."));
         let found = if least == most { format!("{most:.6}") } else { format!("{least:.6} to {most:.6}") };
@@ -134,9 +135,9 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
             && [least, at_waypoint].iter().all(|key| said(&[key]).is_none())
     };
     if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min).filter(|mm| !is_far(mm)) {
-        check(&[least], [least_mm - radius_mm; 2]);
+        check(&[least], &[least], [least_mm - radius_mm; 2]);
         let there = said(&[at_waypoint]).and_then(|index| distances_mm.get(index as usize));
-        check(&[least], [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
+        check(&[at_waypoint], &[least], [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
     }
     for (table, most_mm) in [(&[][..], structure.clearance_mm + INFLUENCE_MM), (&["near"][..], NEAR_MM)] {
         let within =
@@ -157,11 +158,14 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
             ("peak_force_toward_n", [peak; 2]),
             ("cutting_s", [toward.iter().map(|(_, time, _)| time).sum(); 2]),
         ] {
-            check(&[table, &[key]].concat(), found);
+            let key = [table, &[key]].concat();
+            check(&key, &key, found);
         }
-        let place = said(&[table, &["peak_force_toward_waypoint"]].concat());
-        let there = within().find(|f| place == Some(f.waypoint as f64));
+        let place = [table, &["peak_force_toward_waypoint"]].concat();
+        let at = said(&place);
+        let there = within().find(|f| at == Some(f.waypoint as f64));
         check(
+            &place,
             &[table, &["peak_force_toward_n"]].concat(),
             [there.map_or(0.0, |there| there.peak_toward_n); 2],
         );
