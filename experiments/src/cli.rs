@@ -16,6 +16,9 @@ pub struct ExperimentArgs {
     /// Bodies of each kind: seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
+    /// First seed, for `agree` and `agree-prostheses`
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub first: u64,
     /// Your own case file in addition to the bodies, for `pareto`
     #[arg(long, value_name = "FILE")]
     pub case: Option<PathBuf>,
@@ -41,7 +44,10 @@ pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> Result<ExperimentO
         let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
         return Err(ExperimentError::Unknown { name: args.name.clone(), known: known.join("; ") });
     };
-    let tables = (experiment.run)(Size { seeds: args.seeds, case: args.case.as_deref() }, progress)?;
+    let tables = (experiment.run)(
+        Size { seeds: args.seeds, first: args.first, case: args.case.as_deref() },
+        progress,
+    )?;
     if let Some(dir) = &args.out {
         tables.iter().try_for_each(|table| write(dir, table))?;
     }
@@ -70,7 +76,7 @@ mod tests {
 
     #[test]
     fn an_unknown_experiment_lists_those_there_are() {
-        let args = ExperimentArgs { name: "nonsense".into(), seeds: 1, case: None, out: None };
+        let args = ExperimentArgs { name: "nonsense".into(), seeds: 1, first: 1, case: None, out: None };
         let Err(error) = run(&args, &()) else { panic!("it ran") };
         let text = error.to_string();
         assert!(text.contains("no experiment is called \"nonsense\"; there are "), "{text}");

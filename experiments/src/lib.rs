@@ -37,8 +37,18 @@ pub use table::Table;
 pub struct Size<'a> {
     /// Bodies of each kind: seeds 1 to this.
     pub seeds: u64,
+    /// First seed, for experiments on random cases.
+    pub first: u64,
     /// The user's own case, for experiments that take one.
     pub case: Option<&'a Path>,
+}
+
+impl Size<'_> {
+    /// Numbers of random cases, 25 for each seed.
+    pub(crate) fn cases(&self) -> std::ops::Range<u64> {
+        let first = 25 * (self.first - 1);
+        first..first + 25 * self.seeds
+    }
 }
 
 /// Why an experiment cannot be run.

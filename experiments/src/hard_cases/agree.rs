@@ -1,20 +1,21 @@
 //! Random bodies under random keys: plan, verify and simulate must agree, and so must a twin that is the same case written otherwise.
 //!
 //! A case is a random body and, for each of [`KEYS`], a choice, of which 0 leaves the key out. It is planned, read back, verified and
-//! simulated. Then a twin is planned: the same images stored backwards or elsewhere, all priorities times three, or a structure
-//! in two parts. Where two of these disagree, the case is made simpler as long as they still do.
+//! simulated, and its export and report are read back. Then a twin is planned: the same images stored backwards, elsewhere or with other axes first,
+//! labels in smaller voxels, all priorities times three, or a structure in two parts. Where two of these disagree, the case is made simpler as long as they still do.
 
 use std::sync::Arc;
 
 use bonemill_planner::Progress;
-use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::plan::{ForceToward, StoredPlan};
 use bonemill_planner::simulate::{ModelName, Sampling, simulate};
 use rayon::prelude::*;
 
 use super::keys::{Choices, Keys};
 use super::random::{RandomBody, draws, ended_well};
+use super::read_back;
 use super::run::{End, Quiet, run_judged};
-use super::scene::{NERVE, Scene, V};
+use super::scene::{BONE, NERVE, Scene, V};
 use crate::{ExperimentError, Size, Table};
 
 /// Number of keys.
@@ -65,6 +66,10 @@ const TWINS: [f64; 2] = [0.01, 0.1];
 const ROUNDING_RAD: f64 = 1e-6;
 /// Label of a part of the nerve.
 const SPLIT: u8 = 8;
+/// Label of a second structure, on the pocket's other side.
+const VEIN: u8 = 9;
+/// From this number on cases have more beside the body, and more ways to be written otherwise.
+const WITH_MORE: u64 = 1000;
 
 /// A random case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +78,31 @@ struct RandomCase {
     body: RandomBody,
     /// The choice for each key.
     keys: Keys<COUNT>,
+    /// The second structure's distance from the pocket, in half millimetres; 0 for none.
+    vein: u8,
+    /// Radius of an island of bone above the pocket, in half millimetres; 0 for none.
+    island: u8,
+    /// Where the scan ends beside the pocket, in half millimetres; 0 for far away.
+    edge: u8,
+    /// How the case is written otherwise.
+    twin: Twin,
+}
+
+/// The same case written otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Twin {
+    /// Every priority times three.
+    Priorities,
+    /// The nerve in two structures of the first priority.
+    Parts,
+    /// The images elsewhere.
+    Shifted,
+    /// The images stored backwards.
+    Mirrored,
+    /// The images stored with another axis first.
+    Permuted,
+    /// Labels in voxels of half the size.
+    Finer,
 }
 
 /// What two plans of one case must have in common.
@@ -82,6 +112,8 @@ struct Figures {
     removed_mm3: f64,
     total_time_s: f64,
     peak_n: f64,
+    /// Whether forces.csv has a waypoint at which another structure than the nearest is pushed the most: both count there.
+    farther_counts: bool,
 }
 
 impl RandomCase {
@@ -92,20 +124,55 @@ impl RandomCase {
         // pockets of a few burr's diameters: many cases rather than long ones
         let pocket = [3, 3, 2].map(|half| half + below(3));
         let burr = 10 + below(6);
-        Self { body: RandomBody { pocket, burr, ..RandomBody::draw(number) }, keys }
+        let body = RandomBody { pocket, burr, ..RandomBody::draw(number) };
+        let mut some = |n: u64| if number < WITH_MORE { 0 } else { below(2) * below(n + 1) };
+        let [vein, island, edge] = [some(4), some(4), some(3)];
+        let nerve_twins =
+            if body.nerve[0] > 0 { [Twin::Priorities, Twin::Parts] } else { [Twin::Mirrored; 2] };
+        let twin = match body.turn[0] % 4 {
+            0 | 1 if number >= WITH_MORE && body.turn[1].is_multiple_of(2) => Twin::Permuted,
+            n @ (0 | 1) => nerve_twins[usize::from(n)],
+            2 => Twin::Shifted,
+            _ if number >= WITH_MORE => Twin::Finer,
+            _ => Twin::Mirrored,
+        };
+        Self { body, keys, vein, island, edge, twin }
     }
 
     fn scene(self) -> Scene {
-        self.keys.chosen(&KEYS).fold(self.body.scene(), |scene, (from, to)| scene.with(from, to))
+        let mut scene =
+            self.keys.chosen(&KEYS).fold(self.body.scene(), |scene, (from, to)| scene.with(from, to));
+        let mm = |v: u8| f64::from(v) * 0.5;
+        let [a, b, depth] = self.body.pocket.map(mm);
+        if self.vein > 0 && self.body.nerve[0] > 0 {
+            let (label, beside_mm) = (Arc::clone(&scene.label), a + mm(self.vein));
+            let is_vein = move |p: &V| (p.x + beside_mm).hypot(p.z + depth) < 0.6 && p.y.abs() < b + 1.0;
+            scene.label = Arc::new(move |p| if label(p) == 0 && is_vein(p) { VEIN } else { label(p) });
+            let line = format!(
+                "[[structure]]\nname = \"vein\"\nlabel = {VEIN}\npriority = 2\nclearance_mm = 0.4\n\n[approach]"
+            );
+            scene = scene.with("[approach]", line);
+        }
+        if self.island > 0 {
+            let (hu, radius_mm) = (Arc::clone(&scene.hu), mm(self.island));
+            let middle = V::new(0.6 * a, 0.3 * b, radius_mm + 0.4);
+            scene.hu = Arc::new(move |p| if (p - middle).norm() < radius_mm { BONE } else { hu(p) });
+        }
+        if self.edge > 0 {
+            scene.half_mm[1] = b + mm(self.edge);
+        }
+        scene
     }
 
     /// The same case written otherwise.
     fn twin(self) -> Scene {
         let scene = self.scene();
-        let has_nerve = self.body.nerve[0] > 0;
-        match self.body.turn[0] % 4 {
-            0 if has_nerve => scene.with("name = \"nerve\"", "name = \"nerve\"\npriority = 3"),
-            1 if has_nerve => {
+        match self.twin {
+            Twin::Priorities => {
+                let scene = scene.with("name = \"nerve\"", "name = \"nerve\"\npriority = 3");
+                if self.vein > 0 { scene.with("priority = 2", "priority = 6") } else { scene }
+            }
+            Twin::Parts => {
                 let label = Arc::clone(&scene.label);
                 let split = move |p: &V| if label(p) == NERVE && p.y > 0.1 { SPLIT } else { label(p) };
                 let clearance = self.body.nerve_clearance();
@@ -115,16 +182,16 @@ impl RandomCase {
                 );
                 Scene { label: Arc::new(split), ..scene }.with("name = \"nerve\"\n", other)
             }
-            2 => Scene { origin_mm: [31.7, -12.3, 104.9], ..scene },
-            _ => Scene { mirrored: [true, false, true], ..scene },
+            Twin::Shifted => Scene { origin_mm: [31.7, -12.3, 104.9], ..scene },
+            Twin::Mirrored => Scene { mirrored: [true, false, true], ..scene },
+            Twin::Permuted => Scene { order: [2, 0, 1], ..scene },
+            Twin::Finer => Scene { label_split: 2, ..scene },
         }
     }
 
     /// Whether the twin is another task: the paper's cost and its presets add up over structures, and two parts count twice.
     fn twin_is_other_task(self) -> bool {
-        self.body.nerve[0] > 0
-            && self.body.turn[0] % 4 == 1
-            && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
+        self.twin == Twin::Parts && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
     }
 
     /// Where programs disagree; empty where they agree.
@@ -140,6 +207,8 @@ impl RandomCase {
                 Vec::new()
             }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
+            // two parts count where each is pushed, and the plan tells where
+            (_, Some(twin)) if self.twin == Twin::Parts && twin.farther_counts => Vec::new(),
             (Some(figures), Some(twin)) => figures.differ(&twin, self.twin_is_other_task()),
             _ => Vec::new(),
         }
@@ -151,12 +220,26 @@ impl RandomCase {
         (!said.is_empty()).then(|| said.join("; ").replace('\n', "; ").replace('|', "/"))
     }
 
+    fn with_keys(mut self, keys: Keys<COUNT>) -> Self {
+        self.keys = keys;
+        self
+    }
+
+    fn with_body(mut self, body: RandomBody) -> Self {
+        self.body = body;
+        self
+    }
+
     /// Cases that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
-        let Self { body, keys } = self;
-        let fewer = keys.simpler().map(|keys| Self { body, keys });
-        let smaller = body.simpler().into_iter().filter(|other| other.pocket == body.pocket);
-        fewer.chain(smaller.map(|body| Self { body, keys })).collect()
+        let fewer = self.keys.simpler().map(|keys| self.with_keys(keys));
+        let less = [Self { vein: 0, ..self }, Self { island: 0, ..self }, Self { edge: 0, ..self }];
+        // a nerve that is written otherwise stays
+        let keeps_nerve =
+            |body: &RandomBody| body.nerve[0] > 0 || !matches!(self.twin, Twin::Priorities | Twin::Parts);
+        let smaller = self.body.simpler().into_iter().filter(|other| other.pocket == self.body.pocket);
+        let smaller = smaller.filter(keeps_nerve).map(|body| self.with_body(body));
+        less.into_iter().filter(|other| *other != self).chain(fewer).chain(smaller).collect()
     }
 }
 
@@ -189,10 +272,21 @@ fn judged(scene: &Scene) -> (End, Option<Figures>) {
             removed_mm3: metrics.removed_mm3,
             total_time_s: metrics.total_time_s,
             peak_n,
+            farther_counts: farther_counts(plan),
         });
-        simulated(plan, peak_n)
+        simulated(plan, peak_n).into_iter().chain(read_back::differences(plan)).collect()
     });
     (end, figures)
+}
+
+/// Whether another structure than the one with the smallest distance less clearance is pushed more somewhere.
+fn farther_counts(plan: &StoredPlan) -> bool {
+    let clearance_mm = |row: &ForceToward| plan.record.case.structures[row.structure].clearance_mm;
+    plan.forces.chunk_by(|a, b| a.waypoint == b.waypoint).any(|rows| {
+        let margin_mm = |row: &ForceToward| row.distance_mm - clearance_mm(row);
+        let nearest = rows.iter().min_by(|a, b| margin_mm(a).total_cmp(&margin_mm(b)));
+        nearest.is_some_and(|nearest| rows.iter().any(|row| row.peak_toward_n > nearest.peak_toward_n))
+    })
 }
 
 /// Where a simulation of a plan disagrees with it.
@@ -231,13 +325,13 @@ fn simulated(plan: &StoredPlan, peak_n: f64) -> Vec<String> {
     said
 }
 
-/// Runs cases, 25 for each seed of `size`, disagreements told as they are found.
+/// Runs the cases of `size`, disagreements told as they are found.
 ///
 /// # Errors
 /// None: every disagreement is a shortfall of the table.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("agree");
-    Ok(vec![agree(0..25 * size.seeds, progress)])
+    Ok(vec![agree(size.cases(), progress)])
 }
 
 /// Number of cases after which disagreements are told.
@@ -247,7 +341,7 @@ const PORTION: usize = 50;
 pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progress) -> Table {
     let numbers: Vec<u64> = numbers.into_iter().collect();
     let title = format!(
-        "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards or elsewhere, priorities times three, or a structure in two parts)",
+        "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, elsewhere or with another axis first, finer labels, priorities times three, or a structure in two parts)",
         numbers.len()
     );
     let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);

@@ -9,6 +9,7 @@ mod keys;
 mod list;
 mod list_tools;
 mod random;
+mod read_back;
 mod run;
 mod scene;
 

@@ -69,8 +69,12 @@ pub struct Scene {
     pub label_grid: Option<([f64; 3], [f64; 3])>,
     /// The body's turn in ct, a rotation vector in rad.
     pub turn_rad: [f64; 3],
+    /// How many label voxels lie along a CT voxel, each with the label of the whole: finer boxes, the same bodies.
+    pub label_split: usize,
     /// Storage axes that run backwards.
     pub mirrored: [bool; 3],
+    /// Which of the body's axes each storage axis is.
+    pub order: [usize; 3],
     /// Where the body's origin lies in ct, mm.
     pub origin_mm: [f64; 3],
     /// Lines of the case that are replaced: (old, new).
@@ -174,8 +178,10 @@ impl Scene {
             half_mm: [8.0, 8.0, 7.0],
             spacing_mm: [0.5; 3],
             label_grid: None,
+            label_split: 1,
             turn_rad: [0.0; 3],
             mirrored: [false; 3],
+            order: [0, 1, 2],
             origin_mm: [0.0; 3],
             edits: Vec::new(),
         }
@@ -223,32 +229,40 @@ impl Scene {
     /// [`GridError`] for an invalid grid.
     pub fn images(&self) -> Result<Images, GridError> {
         let (spacing, shift) = self.label_grid.unwrap_or((self.spacing_mm, [0.0; 3]));
-        let ct = self.filled(self.spacing_mm, [0.0; 3], |p| (self.hu)(p) as i16)?;
-        Ok((ct, self.filled(spacing, shift, |p| (self.label)(p))?))
+        let ct = self.filled((self.spacing_mm, 1), [0.0; 3], |p| (self.hu)(p) as i16)?;
+        Ok((ct, self.filled((spacing, self.label_split), shift, |p| (self.label)(p))?))
     }
 
+    /// Values on voxels of a size, each in `split` along every axis.
     fn filled<T>(
         &self,
-        spacing_mm: [f64; 3],
+        (size_mm, split): ([f64; 3], usize),
         shift_mm: [f64; 3],
         value: impl Fn(&V) -> T,
     ) -> Result<Volume<T, Ct>, GridError> {
         let turn = Rotation3::new(V::from(self.turn_rad));
-        let flip = Matrix3::from_diagonal(&V::from(self.mirrored.map(|m| if m { -1.0 } else { 1.0 })));
-        let dims = [0, 1, 2].map(|a| (2.0 * self.half_mm[a] / spacing_mm[a]).round() as usize);
+        let sign = V::from(self.mirrored.map(|m| if m { -1.0 } else { 1.0 }));
+        // axes of the body, as they are stored
+        let axes = Matrix3::from_fn(|row, n| {
+            let axis = self.order[n];
+            turn.matrix()[(row, axis)] * sign[axis]
+        });
+        let size_mm = V::from_fn(|n, _| size_mm[self.order[n]]);
+        let coarse = [0, 1, 2].map(|n| (2.0 * self.half_mm[self.order[n]] / size_mm[n]).round() as usize);
+        let (dims, spacing) = (coarse.map(|dim| dim * split), size_mm / split as f64);
         // the grid's middle is below the body's origin, so that most of the box is bone
         let middle = V::new(0.0, 0.0, -0.25 * self.half_mm[2]) + V::from(shift_mm);
-        let half = V::from_fn(|a, _| 0.5 * (dims[a] as f64 - 1.0) * spacing_mm[a]);
-        let axes = turn.matrix() * flip;
+        let half = V::from_fn(|n, _| 0.5 * (dims[n] as f64 - 1.0) * spacing[n]);
         let origin = V::from(self.origin_mm) + turn * middle - axes * half;
-        let grid = Grid::<Ct>::new(dims, V::from(spacing_mm), axes, origin)?;
+        let grid = Grid::<Ct>::new(dims, spacing, axes, origin)?;
         // body coordinates without rounding by turn and storage order: the same body however it is stored
         let at = |voxel: [usize; 3]| {
-            middle
-                + V::from_fn(|a, _| {
-                    let from_middle = voxel[a] as f64 - 0.5 * (dims[a] as f64 - 1.0);
-                    from_middle * spacing_mm[a] * flip[(a, a)]
-                })
+            let mut place = middle;
+            for (n, axis) in self.order.into_iter().enumerate() {
+                let from_middle = (voxel[n] / split) as f64 - 0.5 * (coarse[n] as f64 - 1.0);
+                place[axis] += from_middle * size_mm[n] * sign[axis];
+            }
+            place
         };
         let data = (0..grid.len()).map(|n| value(&at(grid.voxel(n)))).collect();
         // as many values as voxels, by construction

@@ -6,7 +6,7 @@ use std::path::Path;
 use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
-use bonemill_planner::plan::{Replace, StagedDirectory};
+use bonemill_planner::plan::{REPORT, Replace, StagedDirectory};
 use bonemill_prosthesis::{phantom, plan, save, sealed, verify};
 use rayon::prelude::*;
 
@@ -176,6 +176,15 @@ impl RandomJob {
         if let Some(fault) = faults.iter().find(|fault| !told(fault)) {
             return Ok(End::Disagrees(format!("verify finds \"{fault}\", which the plan does not say")));
         }
+        let page = std::fs::read_to_string(out.join(REPORT)).map_err(ExperimentError::Folder)?;
+        let told = [
+            format!("{:.4} mm", verdict.deepest_gouge_mm),
+            format!("{:.3} mm", verdict.thickest_uncut_mm),
+            format!("{:.2} mm", verdict.widest_mm),
+        ];
+        if let Some(figure) = told.iter().find(|figure| !page.contains(*figure)) {
+            return Ok(End::Disagrees(format!("report: {figure} is missing, which verify finds")));
+        }
         if !plan.shortfalls.is_empty() {
             return Ok(End::Short);
         }
@@ -289,13 +298,13 @@ fn figures_of(line: &str) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-/// Runs jobs, 25 for each seed of `size`.
+/// Runs the jobs of `size`.
 ///
 /// # Errors
 /// None: every disagreement is a shortfall of the table.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("agree");
-    Ok(vec![agree(0..25 * size.seeds, progress).0])
+    Ok(vec![agree(size.cases(), progress).0])
 }
 
 /// Number of jobs after which disagreements are told.
