@@ -12,7 +12,9 @@ use bonemill_planner::burr::{
     BoneAround, Discretisation, EngagedSamples, Feed, ForceKernel, Material, Measure, OrientationKernel,
     OverPatches, Patch, Tool,
 };
-use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};
+use bonemill_planner::engagement::{
+    RoundedCorner, SweptPath, mass_increments, mass_increments_by_voxels, share_beyond,
+};
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::path::{MoveKind, Pass, join_passes};
 use bonemill_planner::removal::NEVER;
@@ -320,4 +322,48 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     }
     eprintln!("{compared} forces, at most {most:.3} N, {:.2e} of it aside of brute force", off / most);
     assert!(compared > 100 && off < 2e-3 * most, "{compared} forces, {off} N of {most} N");
+}
+
+/// At every vertex of a corner that the arm rounds the burr has turned a part of the way, from the direction before the corner to that behind it.
+#[test]
+fn the_burr_turns_step_by_step_along_a_rounded_corner() {
+    const HALF: usize = 4;
+    let scene = scene();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let at = |i: usize| path.points[i].position.coords;
+    let turn = |i: usize| (at(i) - at(i - 1)).angle(&(at(i + 1) - at(i)));
+    let long = |i: usize| (at(i) - at(i - 1)).norm() > 0.1 && (at(i + 1) - at(i)).norm() > 0.1;
+    let i = (1..path.points.len() - 2).find(|i| long(*i) && (1.0..2.0).contains(&turn(*i))).unwrap();
+    // a parabola that leaves the path 0.05 mm before the corner and meets it as far behind
+    let [from, to] = [at(i - 1), at(i + 1)].map(|p| at(i) + (p - at(i)).normalize() * 0.05);
+    let place = |n: usize| {
+        let t = n as f64 / (2 * HALF) as f64;
+        from * (1.0 - t).powi(2) + at(i) * (2.0 * t * (1.0 - t)) + to * t.powi(2)
+    };
+    let corner = RoundedCorner {
+        waypoints: i..i + 1,
+        at: (0..=2 * HALF).map(place).map(Point::from_coords).collect(),
+    };
+    let swept = SweptPath::driven(&scene, &path.removal, &path.points, BALL, &[corner]);
+    let direction = |of: usize, share: f64| {
+        let (direction, _) = swept.bone_within((of as u32, share), RADIUS_MM, |density| density).unwrap();
+        direction
+    };
+    // the first half and the middle belong to the move to the corner, the other to the one from it
+    let shares = |of: usize| swept.rounding(of).map(move |vertex| (of, vertex)).collect::<Vec<_>>();
+    let (there, back) = (shares(i), shares(i + 1));
+    let first: Vec<f64> = there.iter().map(|(_, vertex)| *vertex).filter(|vertex| *vertex > 0.0).collect();
+    assert_eq!(first, [5.0, 4.0, 3.0, 2.0, 1.0]);
+    let second: Vec<f64> = back.iter().map(|(_, vertex)| *vertex).filter(|vertex| *vertex < 0.0).collect();
+    assert_eq!(second, [-4.0, -3.0, -2.0, -1.0]);
+    let along = there.iter().filter(|(_, v)| *v > 0.0).chain(back.iter().rev().filter(|(_, v)| *v < 0.0));
+    let turned: Vec<f64> =
+        along.map(|(of, vertex)| direction(*of, vertex + 0.5).angle(&(at(i) - at(i - 1)))).collect();
+    assert_eq!(turned.len(), 2 * HALF + 1);
+    assert!(turned.windows(2).all(|pair| pair[0] < pair[1]), "{turned:?}");
+    assert!(turned[0] < 0.2 * turn(i) && turned[2 * HALF] > 0.8 * turn(i), "{turned:?} of {}", turn(i));
+    // a fraction of a vertex lies between the directions before and behind it
+    let [before, middle, behind] = [0.01, 0.5, 0.99].map(|part| direction(i, 1.0 + part));
+    assert!(before.angle(&middle) + middle.angle(&behind) - before.angle(&behind) < 1e-6);
 }
