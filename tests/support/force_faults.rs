@@ -96,6 +96,6 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "the peak placed at another waypoint",
         plant: |p| *structure_figure(p, &["nerve", "peak_force_toward_waypoint"]) = 1usize.into(),
-        caught_by: &["figures/structures.nerve.peak_force_toward_n"],
+        caught_by: &["figures/structures.nerve.peak_force_toward_n at its waypoint"],
     },
 ];

@@ -91,7 +91,7 @@ fn share_said(plan: &StoredPlan, share: &str, part: &str, whole_mm3: Option<f64>
     let part_mm3 = stated(plan, &[part, "all_mm3"]);
     let found = part_mm3.zip(whole_mm3).map(|(part, whole)| if whole > 0.0 { part / whole } else { 1.0 });
     let off = more(plan, share).zip(found).map_or(f64::INFINITY, |(said, found)| (said - found).abs());
-    Check::at_most("figures", off, SUM_SHARE, "").of(format!("{share} by its volumes"))
+    Check::at_most("figures", off, SUM_SHARE, "").of(share)
 }
 
 /// Checks that a volume stated by the plan lies between the least and the largest count.

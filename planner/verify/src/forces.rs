@@ -107,17 +107,19 @@ fn wrong_rows(plan: &StoredPlan, kept: &[Kept], distances: &[Vec<f64>]) -> (usiz
     (wrong.len(), wrong.first().map(|(index, _)| *index))
 }
 
+/// Of a figure that is compared at the waypoint where it is said to be.
+const AT_WAYPOINT: &str = " at its waypoint";
+
 /// Checks the figures of the case's structure n, given its distances.
 fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     let Some(structure) = plan.record.case.structures.get(n) else { return Vec::new() };
     let radius_mm = plan.record.case.burr.radius_mm;
     let said = |keys: &[&str]| stated(plan, &[&["structures", structure.name.as_str()], keys].concat());
     let mut checks = Vec::new();
-    // `of`: the key whose figure it is
-    let mut check = |keys: &[&str], of: &[&str], [least, most]: [f64; 2]| {
-        let said = said(of);
+    let mut check = |keys: &[&str], at: &str, [least, most]: [f64; 2]| {
+        let said = said(keys);
         let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
-        let subject = format!("structures.{}.{}", structure.name, keys.join("."));
+        let subject = format!("structures.{}.{}{at}", structure.name, keys.join("."));
         let found = if least == most { format!("{most:.6}") } else { format!("{least:.6} to {most:.6}") };
         let said = said.map_or("nothing".into(), |said| format!("{said:.6}"));
         checks.push(
@@ -135,9 +137,9 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
             && [least, at_waypoint].iter().all(|key| said(&[key]).is_none())
     };
     if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min).filter(|mm| !is_far(mm)) {
-        check(&[least], &[least], [least_mm - radius_mm; 2]);
+        check(&[least], "", [least_mm - radius_mm; 2]);
         let there = said(&[at_waypoint]).and_then(|index| distances_mm.get(index as usize));
-        check(&[at_waypoint], &[least], [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
+        check(&[least], AT_WAYPOINT, [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
     }
     for (table, most_mm) in [(&[][..], structure.clearance_mm + INFLUENCE_MM), (&["near"][..], NEAR_MM)] {
         let within =
@@ -158,15 +160,13 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
             ("peak_force_toward_n", [peak; 2]),
             ("cutting_s", [toward.iter().map(|(_, time, _)| time).sum(); 2]),
         ] {
-            let key = [table, &[key]].concat();
-            check(&key, &key, found);
+            check(&[table, &[key]].concat(), "", found);
         }
-        let place = [table, &["peak_force_toward_waypoint"]].concat();
-        let at = said(&place);
-        let there = within().find(|f| at == Some(f.waypoint as f64));
+        let place = said(&[table, &["peak_force_toward_waypoint"]].concat());
+        let there = within().find(|f| place == Some(f.waypoint as f64));
         check(
-            &place,
             &[table, &["peak_force_toward_n"]].concat(),
+            AT_WAYPOINT,
             [there.map_or(0.0, |there| there.peak_toward_n); 2],
         );
     }

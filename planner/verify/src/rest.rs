@@ -40,7 +40,7 @@ pub fn target_share(plan: &StoredPlan, voxels: &Voxels, sets: &Sets<'_>) -> Vec<
     let mut checks = vec![
         Check::at_least("removed of the target", shares[1], plan.record.case.least_share, "of it")
             .noting(format!("removed {:.1} of {:.1} mm³", removed[1], whole[1])),
-        Check { unit: "of it", ..counted("removed_share", more(plan, "removed_share"), shares) },
+        Check { unit: "of it", ..counted("removed_share by voxels", more(plan, "removed_share"), shares) },
         counted("not_removed_mm3", said(plan, |_| true), [whole[0] - removed[1], whole[1] - removed[0]]),
     ];
     for (name, is_in, found) in groups {
