@@ -424,7 +424,7 @@ pub fn tell_usage(said: &clap::Error, wants_json: bool) -> ExitCode {
     if wants_json {
         let text = said.render().to_string();
         let text = text.strip_prefix("error: ").unwrap_or(&text).trim_end();
-        tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }), &text);
+        tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }), text);
     }
     ExitCode::from(2)
 }
