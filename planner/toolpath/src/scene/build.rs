@@ -21,8 +21,6 @@ use super::{
 
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
-/// The target's outline is rounded to this, mm: lines must not depend on how the scan is stored, whose header has single precision.
-const OUTLINE_MM: f64 = 1e-4;
 
 /// The inputs of a scene; plain values from the case.
 #[derive(Debug)]
@@ -141,9 +139,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     cancel::poll();
     let far = far_obstacles(spec, &class, &ct_from_work)?;
     let target_center = mean_center(&class, Class::TARGET);
-    let work_from_ct = ct_from_work.inverse();
-    let rounded = |[x, y]: [f64; 2]| [x, y].map(|mm| (mm / OUTLINE_MM).round() * OUTLINE_MM);
-    let outline = drawn.outline(spec.labels.grid(), &work_from_ct).into_iter().map(rounded).collect();
+    let seen = (0..class.grid().len()).filter(|n| class.data()[*n].is(Class::TARGET));
+    let seen = seen.map(|n| class.grid().center(class.grid().voxel(n))).map(|p| [p.x(), p.y()]).collect();
     Ok(Scene {
         ct_from_work,
         turn_rad,
@@ -158,7 +155,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         band_mm,
         target_voxel_mm3,
         target_center,
-        target_hull_xy: hull::convex_hull(outline),
+        target_hull_xy: hull::convex_hull(seen),
         outside,
         edge_bone_mm2,
         warnings,
