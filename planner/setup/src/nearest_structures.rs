@@ -37,7 +37,11 @@ impl NearStructure {
     /// The direction to it after a share of the move's way. Along a straight move it is the same up to the squared change, whether the nearest
     /// point stays or moves along with the burr; beyond 0 and 1 are its corners.
     pub fn toward(&self, share: f64) -> Unit<Vector3<f64>> {
-        Unit::new_normalize(self.begins.lerp(&self.proximity.toward, share.clamp(0.0, 1.0)))
+        match share {
+            ..=0.0 => self.begins,
+            1.0.. => self.proximity.toward,
+            share => Unit::new_normalize(self.begins.lerp(&self.proximity.toward, share)),
+        }
     }
 
     /// The largest part of a force toward it after a share of the move's way; below 0 if it points away.
