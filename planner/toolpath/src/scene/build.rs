@@ -21,6 +21,8 @@ use super::{
 
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
+/// The target's outline is rounded to this, mm: lines must not depend on how the scan is stored, whose header has single precision.
+const OUTLINE_MM: f64 = 1e-4;
 
 /// The inputs of a scene; plain values from the case.
 #[derive(Debug)]
@@ -139,8 +141,9 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     cancel::poll();
     let far = far_obstacles(spec, &class, &ct_from_work)?;
     let target_center = mean_center(&class, Class::TARGET);
-    let seen = (0..class.grid().len()).filter(|n| class.data()[*n].is(Class::TARGET));
-    let seen = seen.map(|n| class.grid().center(class.grid().voxel(n))).map(|p| [p.x(), p.y()]).collect();
+    let work_from_ct = ct_from_work.inverse();
+    let rounded = |mm: f64| (mm / OUTLINE_MM).round() * OUTLINE_MM;
+    let hull = target.iter().map(|p| work_from_ct * *p).map(|p| [p.x(), p.y()].map(rounded)).collect();
     Ok(Scene {
         ct_from_work,
         turn_rad,
@@ -155,7 +158,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         band_mm,
         target_voxel_mm3,
         target_center,
-        target_hull_xy: hull::convex_hull(seen),
+        target_hull_xy: hull::convex_hull(hull),
         outside,
         edge_bone_mm2,
         warnings,

@@ -107,8 +107,7 @@ pub struct Scene {
     pub target_voxel_mm3: f64,
     /// Centre of the target's voxels.
     pub target_center: Point<Work>,
-    /// Convex hull of the centres of the target's voxels seen along the approach: corners (x, y) in work, mm, counter-clockwise. It does not depend on
-    /// how finely a label is stored.
+    /// Convex hull of the target seen along the approach: corners (x, y) in work, mm, counter-clockwise.
     pub target_hull_xy: Vec<[f64; 2]>,
     /// The part of the target beyond the scan: neither target nor removed.
     pub outside: TargetOutside,
