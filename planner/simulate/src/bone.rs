@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_toolpath::scene::{Class, FarObstacles, Matter};
+use bonemill_toolpath::scene::{Class, FarObstacles};
 use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
@@ -111,7 +111,6 @@ pub struct Bone<'a, T> {
     density_g_cm3: &'a Volume<T, Work>,
     class: Option<&'a Volume<Class, Work>>,
     far: Option<&'a FarObstacles>,
-    matter: Option<&'a Matter>,
     origin_mm: Vector3<f64>,
     per_mm: f64,
 }
@@ -129,7 +128,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             return Err(EngineError::Grid { spacing_mm: spacing.into() });
         }
         let (origin_mm, per_mm) = (grid.origin().coords, 1.0 / spacing.x);
-        Ok(Self { density_g_cm3, class: None, far: None, matter: None, origin_mm, per_mm })
+        Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
     }
 
     /// The same bone with the class of every voxel.
@@ -149,12 +148,6 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     #[must_use]
     pub fn with_far(self, far: &'a FarObstacles) -> Self {
         Self { far: Some(far), ..self }
-    }
-
-    /// The same bone as finely as the images have it: forces then do not depend on the grid's voxels, which decide what is solid.
-    #[must_use]
-    pub fn with_matter(self, matter: &'a Matter) -> Self {
-        Self { matter: Some(matter), ..self }
     }
 
     /// The grid of densities and classes.
@@ -182,17 +175,9 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Point::from_coords(self.origin_mm + index / self.per_mm)
     }
 
-    /// Density at a continuous index, g/cm³: that of the images, or without them trilinear and 0 outside the array. Structures have theirs where they
-    /// are softer than bone, too.
+    /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
-        if let Some(matter) = self.matter {
-            let density = matter.density_g_cm3(self.at(*index));
-            let is_structure = || self.nearest(index).is_some_and(|(_, kind)| kind == VoxelKind::Structure);
-            if density > 0.0 || !is_structure() {
-                return density;
-            }
-        }
         let index = (*index).into();
         let inside = self.density_g_cm3.trilinear_inside(index);
         inside.unwrap_or_else(|| self.density_g_cm3.trilinear_at(index, 0.0).max(0.0))
