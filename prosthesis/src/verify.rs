@@ -387,10 +387,11 @@ fn same_program(
     let own = crate::program::write(moves, &job, made_for, shortfalls);
     let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
     if let Some(n) = first_other(&lines, &own) {
-        let [is, wanted] = [lines, own].map(|lines| lines.get(n).copied().unwrap_or("nothing"));
+        let [is, wanted] =
+            [lines, own].map(|lines| lines.get(n).map_or("nothing".into(), |line| format!("{line:?}")));
         let other =
             if wanted.contains(made_for) { ": it was made for another job, block or tool path" } else { "" };
-        faults.push(format!("program.nc line {}: {is:?} instead of {wanted:?}{other}", n + 1));
+        faults.push(format!("program.nc line {}: {is} instead of {wanted}{other}", n + 1));
     }
     let mut timed = moves.to_vec();
     if crate::machining::time::times(&mut timed, &job).is_err() {
