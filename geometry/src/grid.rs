@@ -179,6 +179,18 @@ impl<F: Frame> Grid<F> {
         Self::new(dims, self.spacing_mm, self.axes, self.center(lo).coords)
     }
 
+    /// The grid of voxels of half the sides that fill the same box.
+    pub fn halved(&self) -> Self {
+        let origin_mm = self.at([-0.25; 3]).coords;
+        Self {
+            dims: self.dims.map(|n| 2 * n),
+            spacing_mm: 0.5 * self.spacing_mm,
+            axes: self.axes,
+            origin_mm,
+            frame: PhantomData,
+        }
+    }
+
     /// The eight corners of the box around all voxel boxes (not only around the voxel centres).
     pub fn corners(&self) -> [Point<F>; 8] {
         std::array::from_fn(|c| {
