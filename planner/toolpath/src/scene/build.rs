@@ -54,7 +54,7 @@ pub struct SceneSpec<'a> {
     /// Where thin bone outside the target is no obstacle.
     pub sheets: Sheets,
     /// The approach.
-    pub approach: ApproachSpec,
+    pub approach: ApproachSpec<'a>,
     /// Planning grid, mm.
     pub spacing_mm: f64,
     /// Memory that planning on the grid needs, and that is available.
@@ -142,8 +142,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let far = far_obstacles(spec, &class, &ct_from_work)?;
     let target_center = mean_center(&class, Class::TARGET);
     let work_from_ct = ct_from_work.inverse();
-    let rounded = |mm: f64| (mm / OUTLINE_MM).round() * OUTLINE_MM;
-    let hull = target.iter().map(|p| work_from_ct * *p).map(|p| [p.x(), p.y()].map(rounded)).collect();
+    let rounded = |[x, y]: [f64; 2]| [x, y].map(|mm| (mm / OUTLINE_MM).round() * OUTLINE_MM);
+    let outline = drawn.outline(spec.labels.grid(), &work_from_ct).into_iter().map(rounded).collect();
     Ok(Scene {
         ct_from_work,
         turn_rad,
@@ -158,7 +158,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         band_mm,
         target_voxel_mm3,
         target_center,
-        target_hull_xy: hull::convex_hull(hull),
+        target_hull_xy: hull::convex_hull(outline),
         outside,
         edge_bone_mm2,
         warnings,

@@ -1,12 +1,14 @@
 //! Which voxels of the work grid are the target: those of its label, or bone and enclosed air in its shape, in the scan.
 
 use bonemill_geometry::TargetRegion;
-use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::build::{extent_text, overlaps};
 use super::crop::extent;
 use super::edge::{ByFace, TargetOutside, beyond_face, cut_off};
+use super::hull::convex_hull;
 use super::inside::Inside;
 use super::{SceneError, SceneSpec, Target};
 
@@ -22,6 +24,25 @@ pub(super) struct DrawnPart {
 }
 
 impl Drawn {
+    /// Points whose convex hull is that of the target as it is seen along the approach: of a label that of its voxels' boxes, so that it does not
+    /// depend on how finely a label is stored.
+    pub fn outline(&self, labels: &Grid<Ct>, work_from_ct: &Rigid<Work, Ct>) -> Vec<[f64; 2]> {
+        let sides = [0, 1, 2].map(|axis| {
+            work_from_ct.rotate(&(labels.axes().column(axis) * (0.5 * labels.spacing_mm()[axis])))
+        });
+        let corners: Vec<Vector3<f64>> =
+            (0..8).map(|n| (0..3).map(|axis| sides[axis] * [-1.0, 1.0][n >> axis & 1]).sum()).collect();
+        let seen = |part: &DrawnPart| {
+            let points = part.points.iter().map(|p| *work_from_ct * *p).map(|p| [p.x(), p.y()]).collect();
+            let hull = convex_hull(points).into_iter();
+            match part.label_margin_mm {
+                Some(_) => hull.flat_map(|[x, y]| corners.iter().map(move |c| [x + c.x, y + c.y])).collect(),
+                None => hull.collect::<Vec<_>>(),
+            }
+        };
+        self.0.iter().flat_map(seen).collect()
+    }
+
     /// All points.
     pub fn points(&self) -> Vec<Point<Ct>> {
         self.0.iter().flat_map(|part| part.points.iter().copied()).collect()

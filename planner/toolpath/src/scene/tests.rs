@@ -271,11 +271,19 @@ fn what_is_added_and_taken_away_counts_with_its_margin() {
 }
 
 #[test]
-fn labels_in_finer_voxels_with_the_same_boxes_give_the_same_grid_and_classes() {
+fn labels_in_finer_voxels_with_the_same_boxes_give_the_same_scene() {
     let coarse = Body::new();
     let fine_grid = Grid::aligned(DIMS.map(|n| 2 * n), 0.25, Point::new(-3.125, 1.875, 4.875)).unwrap();
     let fine = Body { labels: volume(&fine_grid, |v| label(v.map(|n| n / 2))), ..Body::new() };
     let [coarse, fine] = [coarse, fine].map(|body| body.scene().unwrap());
     assert_eq!(coarse.class.grid(), fine.class.grid());
     assert_eq!(coarse.class.data(), fine.class.data());
+    // the boxes' outline: 9 × 11 voxels of half a millimetre
+    assert_eq!(coarse.target_hull_xy, fine.target_hull_xy);
+    let side = |a: usize| {
+        let at = |p: &[f64; 2]| p[a];
+        let most = coarse.target_hull_xy.iter().map(at).fold(f64::MIN, f64::max);
+        most - coarse.target_hull_xy.iter().map(at).fold(f64::MAX, f64::min)
+    };
+    assert!((side(0) - 4.5).abs() < 1e-9 && (side(1) - 5.5).abs() < 1e-9);
 }
