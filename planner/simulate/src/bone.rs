@@ -1,13 +1,15 @@
 //! The uncut workpiece: densities and kinds on one cubic grid along the work frame's axes. It never changes.
 //!
 //! The [`Lattice`](super::Lattice) holds what is left of it. A voxel is solid when its class is bone, structure or material
-//! of the target; without classes, when its density is above 0. Only solid voxels count in volumes and masses, and only
-//! solid voxels stop the shank, except thin sheets beside the target.
+//! of the target; without classes, when its density is above 0. Only solid voxels stop the shank, except thin sheets beside the target.
+//!
+//! Where the images are known, forces, volumes and masses have their bone, which ends between two voxels of the grid and can be thinner than one: the same
+//! bone as the plan's forces have.
 
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_toolpath::scene::{Class, FarObstacles};
+use bonemill_toolpath::scene::{Class, FarObstacles, Matter};
 use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
@@ -111,6 +113,7 @@ pub struct Bone<'a, T> {
     density_g_cm3: &'a Volume<T, Work>,
     class: Option<&'a Volume<Class, Work>>,
     far: Option<&'a FarObstacles>,
+    matter: Option<&'a Matter>,
     origin_mm: Vector3<f64>,
     per_mm: f64,
 }
@@ -128,7 +131,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             return Err(EngineError::Grid { spacing_mm: spacing.into() });
         }
         let (origin_mm, per_mm) = (grid.origin().coords, 1.0 / spacing.x);
-        Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
+        Ok(Self { density_g_cm3, class: None, far: None, matter: None, origin_mm, per_mm })
     }
 
     /// The same bone with the class of every voxel.
@@ -148,6 +151,12 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     #[must_use]
     pub fn with_far(self, far: &'a FarObstacles) -> Self {
         Self { far: Some(far), ..self }
+    }
+
+    /// The same bone as finely as the images have it.
+    #[must_use]
+    pub fn with_matter(self, matter: &'a Matter) -> Self {
+        Self { matter: Some(matter), ..self }
     }
 
     /// The grid of densities and classes.
@@ -175,9 +184,12 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Point::from_coords(self.origin_mm + index / self.per_mm)
     }
 
-    /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
+    /// Density at a continuous index, g/cm³; 0 outside the array. Of the images, or without them trilinear.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
+        if self.matter.is_some() {
+            return self.solid_at(index).map_or(0.0, |(density, _)| density);
+        }
         let index = (*index).into();
         let inside = self.density_g_cm3.trilinear_inside(index);
         inside.unwrap_or_else(|| self.density_g_cm3.trilinear_at(index, 0.0).max(0.0))
@@ -196,6 +208,32 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             voxel[a] = shifted as usize;
         }
         self.voxel(voxel)
+    }
+
+    /// What a burr's surface meets at a continuous index: density above 0, g/cm³, and kind; without images no kind beyond a body's face, where the
+    /// interpolated density is not yet 0.
+    #[inline]
+    pub(super) fn met_at(&self, index: &Vector3<f64>) -> Option<(f64, Option<VoxelKind>)> {
+        let (density, kind) = if self.matter.is_some() {
+            self.solid_at(index).map(|(density, kind)| (density, Some(kind)))?
+        } else {
+            (self.density_at(index), self.nearest(index).map(|(_, kind)| kind))
+        };
+        (density > 0.0).then_some((density, kind))
+    }
+
+    /// Density and kind at a continuous index, g/cm³; `None` where nothing is solid. Of the images, or without them those of the nearest voxel. A structure
+    /// is solid even where it is softer than bone.
+    #[inline]
+    pub(super) fn solid_at(&self, index: &Vector3<f64>) -> Option<(f64, VoxelKind)> {
+        let voxel = self.nearest(index);
+        let Some(matter) = self.matter else { return voxel };
+        let density = matter.density_g_cm3(self.at(*index));
+        if density > 0.0 {
+            Some((density, voxel.map_or(VoxelKind::Sheet, |(_, kind)| kind)))
+        } else {
+            voxel.filter(|(_, kind)| *kind == VoxelKind::Structure)
+        }
     }
 
     /// Density and kind of a voxel of the grid; `None` where it is not solid.

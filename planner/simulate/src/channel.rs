@@ -44,7 +44,7 @@ pub fn simulate_channel(
     progress.stage("read images");
     let case = scene_case_of(&plan.record);
     let images = read_images(&case, |path| plan.input_path(path))?;
-    let scene = make_scene(&case, &images)?;
+    let scene = make_scene(&case, &images, None)?;
     let tool = ChannelTool::of_case(&case, |file| plan.input_path(file))?;
     progress.stage("forward kinematics");
     let base_from_work: Rigid<Base, Work> = plan.record.frames.base_from_ct * scene.ct_from_work;

@@ -25,7 +25,8 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             return held;
         }
         if self.block == 1 {
-            if let Some((density, kind)) = self.bone.voxel(cell.map(|c| c / self.split)) {
+            let middle = cell.map(|c| (c as f64 + 0.5) / self.split as f64 - 0.5);
+            if let Some((density, kind)) = self.bone.solid_at(&middle.into()) {
                 held = Held { mass_mg: density * part_mm3, parts: 1, kind: Some(kind) };
             }
             return held;
