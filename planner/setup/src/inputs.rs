@@ -10,7 +10,7 @@ use bonemill_imaging::{
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_toolpath::scene::{
-    ApproachSpec, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
+    ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
 };
 use rayon::prelude::*;
 
@@ -163,14 +163,14 @@ fn labels_differ(
     Ok(())
 }
 
-/// The scene that a case makes of its images.
+/// The scene that a case makes of its images; `arm`: what an approach that is not given looks at, where the arm's place is known.
 ///
 /// # Errors
 /// [`PlanError::Scene`].
-pub fn make_scene(case: &Case, inputs: &CaseImages) -> Result<Scene, PlanError> {
+pub fn make_scene(case: &Case, inputs: &CaseImages, arm: Option<ArmHolds<'_>>) -> Result<Scene, PlanError> {
     let approach = match (case.job.channel(), case.approach) {
         (Some(_), Some(direction)) => ApproachSpec::Fixed(direction),
-        _ => ApproachSpec::For { given: case.approach, tool: way_in_tool(case) },
+        _ => ApproachSpec::For { given: case.approach, tool: way_in_tool(case), arm },
     };
     make_scene_of(case, (inputs.target.clone(), approach), inputs)
 }
@@ -193,7 +193,7 @@ fn way_in_tool(case: &Case) -> WayInTool {
 /// [`PlanError::Scene`].
 pub fn make_scene_of(
     case: &Case,
-    (target, approach): (Target<u16>, ApproachSpec),
+    (target, approach): (Target<u16>, ApproachSpec<'_>),
     inputs: &CaseImages,
 ) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {

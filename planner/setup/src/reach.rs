@@ -1,10 +1,14 @@
 //! Whether the arm can get to the target at all: asked before a path is laid, since laying one takes far longer.
 //!
-//! It is a bound, not the inverse kinematics: what it refuses is surely out of reach; what it passes may still be.
+//! [`judge`] is a bound, not the inverse kinematics: what it refuses is surely out of reach; what it passes may still be.
 
+use bonemill_arm::arm::AxisPose;
+use bonemill_arm::ur::Branches;
 use bonemill_arm::{Arm, ArmKind};
-use bonemill_geometry::{Point, Work};
+use bonemill_geometry::{Base, Ct, Point, Rigid, Work};
+use bonemill_robot::resolve::{PosePath, Posture, RollFrame, resolve};
 use bonemill_toolpath::scene::{Class, Scene};
+use nalgebra::{Unit, Vector3};
 
 use super::PlanError;
 use super::registration::Registered;
@@ -37,4 +41,19 @@ pub fn judge(
     let voxels = scene.class.data().iter().enumerate().filter(|(_, class)| class.is(Class::TARGET));
     let nearest_mm = voxels.map(|(n, _)| away_mm(grid.center(grid.voxel(n)))).fold(f64::INFINITY, f64::min);
     if nearest_mm > reach_mm { Err(PlanError::TooFar { nearest_mm, reach_mm }) } else { Ok(()) }
+}
+
+/// Whether the arm, in one of these branches, has a joint vector at each place with the shaft along a direction, unit in ct.
+pub fn can_hold(
+    (arm, branches, base_from_ct): (&Arm, Option<Branches>, &Rigid<Base, Ct>),
+    places: &[Point<Ct>],
+    shaft: &Vector3<f64>,
+) -> bool {
+    let axis = Unit::new_normalize(base_from_ct.rotate(shaft));
+    let (frame, posture) = (RollFrame::about(&axis), branches.map_or(Posture::Any, Posture::Of));
+    places.iter().all(|place| {
+        let poses = [AxisPose { position: *base_from_ct * *place, axis }];
+        let path = PosePath { poses: &poses, length_mm: &[0.0], frame, stiffness: None, posture };
+        matches!(resolve(arm, &path), Ok(Ok(_)))
+    })
 }

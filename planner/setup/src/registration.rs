@@ -87,6 +87,24 @@ fn poor_fit(fitted: &Fitted, most_mm: f64) -> String {
     )
 }
 
+/// The case's registration where it gives one: `None` where the arm's place is assumed from the scene.
+///
+/// # Errors
+/// [`PlanError::Registration`].
+pub fn given(robot: &RobotSpec) -> Result<Option<Rigid<Base, Ct>>, PlanError> {
+    Ok(match &robot.base_from_ct {
+        Registration::Assumed => None,
+        Registration::Given { rotation, translation_mm } => Some(Rigid::new(*rotation, *translation_mm)),
+        Registration::Fiducials { ct_mm, base_mm } => Some(fitted(ct_mm, base_mm)?.base_from_ct),
+    })
+}
+
+fn fitted(ct_mm: &[[f64; 3]], base_mm: &[[f64; 3]]) -> Result<Fitted, PlanError> {
+    let ct: Vec<Point<Ct>> = ct_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
+    let base: Vec<Point<Base>> = base_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
+    Ok(fit(&ct, &base)?)
+}
+
 /// The case's registration, fitted where it gives fiducials, assumed where it gives none.
 ///
 /// # Errors
@@ -95,9 +113,7 @@ pub fn registration(robot: &RobotSpec, scene: &Scene) -> Result<Registered, Plan
     let Registration::Fiducials { ct_mm, base_mm } = &robot.base_from_ct else {
         return Ok(Registered { base_from_ct: tools::base_from_ct(robot, scene)?, fitted: None });
     };
-    let ct: Vec<Point<Ct>> = ct_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
-    let base: Vec<Point<Base>> = base_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
-    let fitted = fit(&ct, &base)?;
+    let fitted = fitted(ct_mm, base_mm)?;
     let center = scene.ct_from_work * scene.target_center;
     let fields = scene.structures.iter().map(|structure| structure.field.as_ref());
     let tre_mm = fields.map(|field| Some(fitted.tre_mm(&field?.nearest(center).1))).collect();

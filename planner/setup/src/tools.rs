@@ -1,5 +1,6 @@
 //! From the case's values to the tools of planning: burr, material, arm, and where the arm is assumed to stand.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
@@ -113,14 +114,23 @@ pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
     let large = (case.tool == ToolSpec::Burr && radius_mm > LARGE_RADIUS_MM).then(|| {
         format!("burr.radius_mm = {radius_mm} is a radius, that of a burr of {} mm in diameter; few burrs are larger than {} mm", 2.0 * radius_mm, 2.0 * LARGE_RADIUS_MM)
     });
-    let tilt_deg = case.orientation.tilt_limit_rad.to_degrees();
-    let small = (tilt_deg > 0.0 && tilt_deg <= std::f64::consts::FRAC_PI_2).then(|| {
+    let radians = |key: &str, degrees: f64| {
         format!(
-            "orientation.tilt_limit_deg = {tilt_deg:.3} is in degrees; it looks like radians, which would be {:.1} here",
-            tilt_deg.to_degrees()
+            "{key} = {degrees:.3} is in degrees; it looks like radians, which would be {:.1} here",
+            degrees.to_degrees()
         )
-    });
-    [large, small, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
+    };
+    let tilt_deg = case.orientation.tilt_limit_rad.to_degrees();
+    let small =
+        (tilt_deg > 0.0 && tilt_deg <= 0.5 * PI).then(|| radians("orientation.tilt_limit_deg", tilt_deg));
+    // a sixth or a quarter of half a turn, and multiples up to a turn
+    let is_round = |deg: f64| {
+        let of = |part: f64| (deg / part).abs() > 0.5 && (deg - (deg / part).round() * part).abs() < 2e-3;
+        deg.abs() < 6.3 && (of(PI / 6.0) || of(PI / 4.0))
+    };
+    let raster_deg = case.path.raster_rad.map(f64::to_degrees);
+    let raster = raster_deg.filter(|deg| is_round(*deg)).map(|deg| radians("path.raster_deg", deg));
+    [large, small, raster, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
 }
 
 fn accuracy_warning(case: &Case, arm: &Arm) -> Option<String> {
@@ -198,7 +208,7 @@ pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
 
 /// Mass that a step takes in a full slot of the reference material, mg.
 pub fn slot_mass_mg(case: &Case, step_mm: f64) -> f64 {
-    std::f64::consts::PI * case.burr.radius_mm.powi(2) * step_mm * case.material.rho_ref_g_cm3
+    PI * case.burr.radius_mm.powi(2) * step_mm * case.material.rho_ref_g_cm3
 }
 
 #[cfg(test)]
@@ -222,6 +232,13 @@ mod tests {
             told(&case)[0]
                 .contains("tilt_limit_deg = 0.785 is in degrees; it looks like radians, which would be 45.0")
         );
+        case.orientation.tilt_limit_rad = 0.785;
+        for (deg, is_told) in
+            [(1.5708, true), (-0.785, true), (3.1416, true), (0.0, false), (1.5, false), (90.0, false)]
+        {
+            case.path.raster_rad = Some(f64::to_radians(deg));
+            assert_eq!(told(&case).iter().any(|text| text.contains("path.raster_deg = ")), is_told, "{deg}");
+        }
     }
 
     #[test]

@@ -7,7 +7,8 @@
 //!
 //! A direction reaches a place if some line within the tilt limit of it is free. Directions are ranked by the mean over all places of the best such line,
 //! which counts less the more it is tilted and the deeper it begins: a way through soft tissue is open, but the shortest one is meant. Directions are laid
-//! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach.
+//! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach. Where the arm's place is known, only
+//! those count along which it holds the tool at the target's outermost places, if there are any.
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
@@ -67,9 +68,19 @@ pub struct WayInTool {
     pub in_plane: bool,
 }
 
+/// Whether an arm can hold the tool with the burr's centre at each of some places and the shaft along a direction, unit, both in ct.
+#[derive(Clone, Copy)]
+pub struct ArmHolds<'a>(pub &'a (dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync));
+
+impl std::fmt::Debug for ArmHolds<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("ArmHolds")
+    }
+}
+
 /// Where a scene's approach comes from.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ApproachSpec {
+#[derive(Debug, Clone)]
+pub enum ApproachSpec<'a> {
     /// This direction, whatever it reaches.
     Fixed(Vector3<f64>),
     /// The given direction, if it does not face bone; without one, that along which the tool reaches most.
@@ -78,6 +89,8 @@ pub enum ApproachSpec {
         given: Option<Vector3<f64>>,
         /// The tool.
         tool: WayInTool,
+        /// The arm, where its place is known: only directions count along which it holds the tool at the target, if there are any.
+        arm: Option<ArmHolds<'a>>,
     },
 }
 
@@ -112,6 +125,8 @@ pub(super) struct WayIn {
     tilt_limit_rad: f64,
     in_plane: bool,
     directions: Vec<Vector3<f64>>,
+    /// Those places that lie farthest along the axes of `directions` and against them.
+    outermost: Vec<Point<Ct>>,
 }
 
 /// The approach of a scene, and how it was chosen if it was. `target`: its points, and the region around them.
@@ -123,16 +138,17 @@ pub(super) fn approach(
     target: (&[Point<Ct>], &Region),
     structures: &[SceneStructure],
 ) -> Result<(Vector3<f64>, Option<ChosenWay>), SceneError> {
-    let (given, tool) = match &spec.approach {
+    let (given, tool, arm) = match &spec.approach {
         ApproachSpec::Fixed(direction) => return Ok((*direction, None)),
-        ApproachSpec::For { given, tool } => (*given, tool),
+        ApproachSpec::For { given, tool, arm } => (*given, tool, *arm),
     };
     let way_in = WayIn::new(spec, tool, target, structures)?;
     match (given, way_in) {
         (Some(direction), Some(way_in)) => way_in.check(direction).map(|()| (direction, None)),
         (Some(direction), None) => Ok((direction, None)),
         (None, Some(way_in)) => {
-            let mut chosen = way_in.best().ok_or(SceneError::NoApproach)?;
+            let chosen = arm.and_then(|arm| way_in.best(|direction| (arm.0)(&way_in.outermost, direction)));
+            let mut chosen = chosen.or_else(|| way_in.best(|_| true)).ok_or(SceneError::NoApproach)?;
             // the same for a scan that is stored otherwise, whose header has single precision
             let rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
             chosen.best.direction = rounded.normalize();
@@ -224,7 +240,14 @@ impl WayIn {
         let axes = inertia_axes(target);
         let directions =
             (0..DIRECTIONS).map(|n| axes * basis::on_sphere(n, DIRECTIONS).into_inner()).collect();
+        let farthest = |n: usize| {
+            let axis = axes.column(n / 2) * [1.0, -1.0][n % 2];
+            let along = |p: &&Point<Ct>| p.coords.dot(&axis);
+            places.iter().max_by(|a, b| along(a).total_cmp(&along(b))).copied()
+        };
+        let outermost = (0..6).filter_map(farthest).collect();
         Ok(Some(Self {
+            outermost,
             holds,
             solid_mm,
             solid_face_mm,
@@ -326,11 +349,12 @@ impl WayIn {
         self.places.par_iter().map(of_place).collect()
     }
 
-    /// The direction along which burr and shank reach most; `None` where they reach nothing along any.
-    pub fn best(&self) -> Option<ChosenWay> {
-        let lines = self.lines(&self.directions);
-        let set = (&self.directions[..], &lines[..]);
-        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(|d| self.ranked(*d, set)).collect();
+    /// The direction, of those that are possible, along which burr and shank reach most; `None` where they reach nothing along any.
+    pub fn best(&self, is_possible: impl Fn(&Vector3<f64>) -> bool + Sync) -> Option<ChosenWay> {
+        let directions: Vec<_> = self.directions.par_iter().copied().filter(&is_possible).collect();
+        let lines = self.lines(&directions);
+        let set = (&directions[..], &lines[..]);
+        let ranked: Vec<(f64, Way)> = directions.par_iter().map(|d| self.ranked(*d, set)).collect();
         let mut order: Vec<usize> = (0..ranked.len()).collect();
         order.sort_by(|a, b| ranked[*b].0.total_cmp(&ranked[*a].0));
         let mut ways: Vec<(f64, Way)> = Vec::new();
@@ -352,7 +376,7 @@ impl WayIn {
             let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
             let Some(direction) = mean.try_normalize(1e-12) else { break };
             let (shifted_rank, shifted) = self.ranked(direction, set);
-            if shifted_rank < AS_HIGH * rank {
+            if shifted_rank < AS_HIGH * rank || !is_possible(&direction) {
                 break;
             }
             let by_rad = angle(&shifted.direction, &best.direction);
@@ -390,7 +414,7 @@ impl WayIn {
         if given.reached >= least || self.places.len() < FEW {
             return Ok(());
         }
-        match self.best() {
+        match self.best(|_| true) {
             Some(ChosenWay { best, .. }) if best.reached >= most => {
                 Err(SceneError::FacesBone { given, best })
             }

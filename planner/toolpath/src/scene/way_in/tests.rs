@@ -18,6 +18,15 @@ fn found(
     hu: impl Fn([f64; 3]) -> f32,
     given: Option<Vector3<f64>>,
 ) -> Result<ChosenWay, SceneError> {
+    found_for(turn, hu, given, None)
+}
+
+fn found_for(
+    turn: Matrix3<f64>,
+    hu: impl Fn([f64; 3]) -> f32,
+    given: Option<Vector3<f64>>,
+    arm: Option<ArmHolds<'_>>,
+) -> Result<ChosenWay, SceneError> {
     let grid = Grid::<Ct>::new([60, 50, 40], Vector3::repeat(1.0), turn, Vector3::zeros()).unwrap();
     let at = |n: usize| grid.voxel(n).map(|c| c as f64);
     // skewed, so that its axes have signs
@@ -51,7 +60,7 @@ fn found(
         air_hu: -700.0,
         bone_hu: 200.0,
         sheets: Sheets::Keep,
-        approach: ApproachSpec::For { given: given.map(|d| turn * d), tool },
+        approach: ApproachSpec::For { given: given.map(|d| turn * d), tool, arm },
         spacing_mm: 0.5,
         memory: MemoryNeed { bytes_per_voxel: 100.0, available_mb: None },
         margin_mm: 3.0,
@@ -143,4 +152,20 @@ fn walled_in_is_refused() {
     assert!(matches!(error, SceneError::NoApproach | SceneError::NoRoom { .. }), "{error}");
     // with a direction it is for the rest of the planner to say what is left
     assert!(found(Matrix3::identity(), |_| 900.0, Some(Vector3::z())).is_ok());
+}
+
+#[test]
+fn only_what_the_arm_can_hold_at_the_target_counts_unless_it_can_hold_nothing() {
+    let chosen = |holds: &(dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync)| {
+        found_for(Matrix3::identity(), half_space, None, Some(ArmHolds(holds))).unwrap().best.direction
+    };
+    let free = found(Matrix3::identity(), half_space, None).unwrap().best.direction;
+    // an arm that stands at low x and reaches the target with the handpiece leaning to it only
+    let leaning = chosen(&|places, shaft| {
+        assert!(places.len() == 6 && places.iter().all(|p| (20.0..40.0).contains(&p.x())), "{places:?}");
+        shaft.x < -0.4
+    });
+    assert!(leaning.x < -0.4 && leaning.z > 0.7, "{leaning:?}");
+    assert_eq!(chosen(&|_, _| true), free);
+    assert_eq!(chosen(&|_, _| false), free);
 }
