@@ -189,9 +189,11 @@ impl RandomCase {
         }
     }
 
-    /// Whether the twin is another task: the paper's cost and its presets add up over structures, and two parts count twice.
-    fn twin_is_other_task(self) -> bool {
-        self.twin == Twin::Parts && BY_SUMS.iter().any(|key| self.keys.is_chosen(*key))
+    /// Whether the twin is another task: two parts of a structure count where each is pushed, as the plan tells, and the paper's cost and its presets
+    /// add up over structures.
+    fn is_other_task(self, twin: Option<&Figures>) -> bool {
+        let by_sums = || BY_SUMS.iter().any(|key| self.keys.is_chosen(*key));
+        self.twin == Twin::Parts && (twin.is_some_and(|twin| twin.farther_counts) || by_sums())
     }
 
     /// Where programs disagree; empty where they agree.
@@ -201,15 +203,15 @@ impl RandomCase {
             return vec![end.to_string()];
         }
         let (twin_end, twin) = judged(&self.twin());
+        let is_other = self.is_other_task(twin.as_ref());
         match (figures, twin) {
             // a symmetric body has several ways in that are equally good, and the plan tells which was chosen
             (Some(figures), Some(twin)) if figures.approach.angle(&twin.approach) > ROUNDING_RAD => {
                 Vec::new()
             }
+            (Some(figures), Some(twin)) if is_other && ended_well(&twin_end) => figures.differ(&twin, true),
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            // two parts count where each is pushed, and the plan tells where
-            (_, Some(twin)) if self.twin == Twin::Parts && twin.farther_counts => Vec::new(),
-            (Some(figures), Some(twin)) => figures.differ(&twin, self.twin_is_other_task()),
+            (Some(figures), Some(twin)) => figures.differ(&twin, false),
             _ => Vec::new(),
         }
     }

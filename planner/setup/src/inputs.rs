@@ -3,17 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, nearest};
-use bonemill_geometry::Progress;
+use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_imaging::{
     Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
     read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_toolpath::scene::{
-    ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
+    ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, Tilts, ToolReach, WayInTool, build_scene,
 };
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::reach::StandingArm;
 use super::{PlanError, channel};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
@@ -163,27 +165,35 @@ fn labels_differ(
     Ok(())
 }
 
-/// The scene that a case makes of its images; `arm`: what an approach that is not given looks at, where the arm's place is known.
+/// The scene that a case makes of its images; `arm`: where its place is known, so that an approach that is not given is one along which it holds the tool.
 ///
 /// # Errors
 /// [`PlanError::Scene`].
-pub fn make_scene(case: &Case, inputs: &CaseImages, arm: Option<ArmHolds<'_>>) -> Result<Scene, PlanError> {
+pub fn make_scene(
+    case: &Case,
+    inputs: &CaseImages,
+    arm: Option<&StandingArm<'_>>,
+) -> Result<Scene, PlanError> {
+    let holds = |places: &[Point<Ct>], shaft: &Vector3<f64>| arm.is_none_or(|arm| arm.holds(places, shaft));
     let approach = match (case.job.channel(), case.approach) {
         (Some(_), Some(direction)) => ApproachSpec::Fixed(direction),
-        _ => ApproachSpec::For { given: case.approach, tool: way_in_tool(case), arm },
+        _ => ApproachSpec::For {
+            given: case.approach,
+            tool: way_in_tool(case, arm),
+            arm: arm.is_some().then_some(ArmHolds(&holds)),
+        },
     };
     make_scene_of(case, (inputs.target.clone(), approach), inputs)
 }
 
 /// The tool as far as the way in depends on it.
-fn way_in_tool(case: &Case) -> WayInTool {
+fn way_in_tool(case: &Case, arm: Option<&StandingArm<'_>>) -> WayInTool {
     let straight = case.orientation.mode == OrientationMode::Fixed;
+    let assumed = if case.orientation.angles == 1 { Tilts::AboutBasisX } else { Tilts::Freely };
     WayInTool {
         shank_mm: case.shank.iter().map(|s| [s.length_mm, s.radius_mm]).collect(),
         tilt_limit_rad: if straight { 0.0 } else { case.orientation.tilt_limit_rad },
-        // a given place of the arm gives the plane another direction
-        in_plane: case.orientation.angles == 1
-            && case.robot.base_from_ct == bonemill_case::Registration::Assumed,
+        tilts: arm.map_or(assumed, StandingArm::tilts),
     }
 }
 

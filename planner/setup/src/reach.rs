@@ -2,16 +2,16 @@
 //!
 //! [`judge`] is a bound, not the inverse kinematics: what it refuses is surely out of reach; what it passes may still be.
 
-use bonemill_arm::arm::AxisPose;
-use bonemill_arm::ur::Branches;
+use bonemill_arm::arm::{AxisPose, InverseKind};
 use bonemill_arm::{Arm, ArmKind};
+use bonemill_case::Case;
 use bonemill_geometry::{Base, Ct, Point, Rigid, Work};
 use bonemill_robot::resolve::{PosePath, Posture, RollFrame, resolve};
-use bonemill_toolpath::scene::{Class, Scene};
+use bonemill_toolpath::scene::{Class, Scene, Tilts};
 use nalgebra::{Unit, Vector3};
 
 use super::PlanError;
-use super::registration::Registered;
+use super::registration::{self, Registered};
 
 /// Half the width of the smallest UR's base, mm: the UR3e's is 128 mm wide (Universal Robots, user manual).
 const BASE_MM: f64 = 64.0;
@@ -43,17 +43,43 @@ pub fn judge(
     if nearest_mm > reach_mm { Err(PlanError::TooFar { nearest_mm, reach_mm }) } else { Ok(()) }
 }
 
-/// Whether the arm, in one of these branches, has a joint vector at each place with the shaft along a direction, unit in ct.
-pub fn can_hold(
-    (arm, branches, base_from_ct): (&Arm, Option<Branches>, &Rigid<Base, Ct>),
-    places: &[Point<Ct>],
-    shaft: &Vector3<f64>,
-) -> bool {
-    let axis = Unit::new_normalize(base_from_ct.rotate(shaft));
-    let (frame, posture) = (RollFrame::about(&axis), branches.map_or(Posture::Any, Posture::Of));
-    places.iter().all(|place| {
-        let poses = [AxisPose { position: *base_from_ct * *place, axis }];
-        let path = PosePath { poses: &poses, length_mm: &[0.0], frame, stiffness: None, posture };
-        matches!(resolve(arm, &path), Ok(Ok(_)))
-    })
+/// An arm whose place is known before there is a scene.
+#[derive(Debug, Clone, Copy)]
+pub struct StandingArm<'a> {
+    arm: &'a Arm,
+    posture: Posture<'a>,
+    base_from_ct: Rigid<Base, Ct>,
+}
+
+impl<'a> StandingArm<'a> {
+    /// The arm of a case; `None` where its place is assumed from the scene.
+    ///
+    /// # Errors
+    /// [`PlanError::Registration`].
+    pub fn of(case: &Case, arm: &'a Arm) -> Result<Option<Self>, PlanError> {
+        let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
+        let standing = |base_from_ct| Self { arm, posture, base_from_ct };
+        Ok(registration::given(&case.robot)?.map(standing))
+    }
+
+    /// How it tilts a shaft: the bone-attached arm about its base's y.
+    pub fn tilts(&self) -> Tilts {
+        match self.arm.inverse_kind() {
+            InverseKind::BoneAttached => Tilts::About(self.base_from_ct.inverse().rotate(&Vector3::y())),
+            _ => Tilts::Freely,
+        }
+    }
+
+    /// Whether it has a joint vector at each place with the shaft along a direction, unit in ct. Without a closed form it is taken to have one: to search
+    /// for thousands of poses takes minutes.
+    pub fn holds(&self, places: &[Point<Ct>], shaft: &Vector3<f64>) -> bool {
+        let axis = Unit::new_normalize(self.base_from_ct.rotate(shaft));
+        let has_one = |place: &Point<Ct>| {
+            let poses = [AxisPose { position: self.base_from_ct * *place, axis }];
+            let (frame, posture) = (RollFrame::about(&axis), self.posture);
+            let path = PosePath { poses: &poses, length_mm: &[0.0], frame, stiffness: None, posture };
+            matches!(resolve(self.arm, &path), Ok(Ok(_)))
+        };
+        self.arm.inverse_kind() == InverseKind::Numeric || places.iter().all(has_one)
+    }
 }

@@ -5,16 +5,15 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_arm::Arm;
-use bonemill_arm::arm::InverseKind;
 use bonemill_case::{Case, Registration};
-use bonemill_geometry::{Base, Ct, Point, Rigid, Work};
+use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Placement;
 use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
-use bonemill_toolpath::scene::{ArmHolds, Scene};
-use nalgebra::Vector3;
+use bonemill_toolpath::scene::Scene;
 
-use super::registration::{Registered, fiducials_in_scan, given, registration};
-use super::{PlanError, Stopwatch, inputs, reach, tools};
+use super::reach::{self, StandingArm};
+use super::registration::{Registered, fiducials_in_scan, registration};
+use super::{PlanError, Stopwatch, inputs, tools};
 
 /// A case with its scene, arm and registration.
 #[derive(Debug)]
@@ -44,16 +43,8 @@ impl Setup {
         let arm = tools::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
         let (images, files) = watch.run("read images", || inputs::read_inputs(case, case_path))?;
         fiducials_in_scan(&case.robot, images.ct.volume.grid())?;
-        let base_from_ct = given(&case.robot)?.filter(|_| arm.inverse_kind() != InverseKind::Numeric);
-        let holds = base_from_ct.map(|base_from_ct| {
-            let branch = case.robot.branch;
-            let arm = &arm;
-            move |places: &[Point<Ct>], shaft: &Vector3<f64>| {
-                reach::can_hold((arm, branch, &base_from_ct), places, shaft)
-            }
-        });
-        let holds = holds.as_ref().map(|holds| ArmHolds(holds));
-        let scene = watch.run("scene", || inputs::make_scene(case, &images, holds))?;
+        let standing = StandingArm::of(case, &arm)?;
+        let scene = watch.run("scene", || inputs::make_scene(case, &images, standing.as_ref()))?;
         watch.tell_memory_mb(inputs::memory_mb(&scene, &images));
         let registered = registration(&case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, case.burr.radius_mm)

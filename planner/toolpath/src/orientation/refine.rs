@@ -189,8 +189,18 @@ impl<'a> State<'a> {
             }
             let Some(t) = matrix.try_inverse().map(|inverse| inverse * right) else { continue };
             let size = t.norm();
-            self.offset[i] = if size > trust { t * (trust / size) } else { t };
+            let t = if size > trust { t * (trust / size) } else { t };
+            self.offset[i] = self.within_family(i, t);
         }
+    }
+
+    /// An offset that does not leave the family's range.
+    fn within_family(&self, i: usize, t: Vector2<f64>) -> Vector2<f64> {
+        let (Chart::Plane(family), Some(angles)) = (self.chart, self.problem.directions.angles_rad()) else {
+            return t;
+        };
+        let angle_rad = angles[usize::from(self.sequence[i])];
+        Vector2::new((angle_rad + t.x).clamp(family.lower_rad, family.upper_rad) - angle_rad, t.y)
     }
 
     /// Resets the ends of turns that are not free to the set, until every turn is free or has both ends on the set.

@@ -8,7 +8,7 @@
 //! A direction reaches a place if some line within the tilt limit of it is free. Directions are ranked by the mean over all places of the best such line,
 //! which counts less the more it is tilted and the deeper it begins: a way through soft tissue is open, but the shortest one is meant. Directions are laid
 //! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach. Where the arm's place is known, only
-//! those count along which it holds the tool at the target's outermost places, if there are any.
+//! those count along which it holds the tool at the target's outermost places, if there are any; an arm that tilts about one axis has those across it only.
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
@@ -26,6 +26,8 @@ use super::{SceneError, SceneSpec, SceneStructure};
 
 /// Directions on the sphere: 10° apart.
 const DIRECTIONS: usize = 420;
+/// Directions in a plane: 5° apart.
+const IN_PLANE: usize = 72;
 /// Between rings of directions around a given one, rad.
 const RINGS_RAD: f64 = 0.17;
 /// Places of the burr from which lines lead out.
@@ -64,8 +66,19 @@ pub struct WayInTool {
     pub shank_mm: Vec<[f64; 2]>,
     /// Largest angle between shaft and approach, rad.
     pub tilt_limit_rad: f64,
-    /// Whether the shaft tilts about the x of the approach's basis only.
-    pub in_plane: bool,
+    /// How the shaft tilts.
+    pub tilts: Tilts,
+}
+
+/// How the arm tilts a shaft.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tilts {
+    /// In any direction.
+    Freely,
+    /// About the x of the approach's basis.
+    AboutBasisX,
+    /// About this axis, unit in ct, to which every shaft is perpendicular.
+    About(Vector3<f64>),
 }
 
 /// Whether an arm can hold the tool with the burr's centre at each of some places and the shaft along a direction, unit, both in ct.
@@ -123,7 +136,7 @@ pub(super) struct WayIn {
     profile: Vec<[f64; 2]>,
     length_mm: f64,
     tilt_limit_rad: f64,
-    in_plane: bool,
+    tilts: Tilts,
     directions: Vec<Vector3<f64>>,
     /// Those places that lie farthest along the axes of `directions` and against them.
     outermost: Vec<Point<Ct>>,
@@ -150,7 +163,10 @@ pub(super) fn approach(
             let chosen = arm.and_then(|arm| way_in.best(|direction| (arm.0)(&way_in.outermost, direction)));
             let mut chosen = chosen.or_else(|| way_in.best(|_| true)).ok_or(SceneError::NoApproach)?;
             // the same for a scan that is stored otherwise, whose header has single precision
-            let rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
+            let mut rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
+            if let Tilts::About(hinge) = tool.tilts {
+                rounded -= hinge * hinge.dot(&rounded);
+            }
             chosen.best.direction = rounded.normalize();
             Ok((chosen.best.direction, Some(chosen)))
         }
@@ -238,8 +254,14 @@ impl WayIn {
             from_mm += part_mm;
         }
         let axes = inertia_axes(target);
-        let directions =
-            (0..DIRECTIONS).map(|n| axes * basis::on_sphere(n, DIRECTIONS).into_inner()).collect();
+        let directions = match tool.tilts {
+            Tilts::About(hinge) => {
+                let from_z = basis::from_z(&hinge);
+                let at = |n: usize| 2.0 * PI * n as f64 / IN_PLANE as f64;
+                (0..IN_PLANE).map(|n| from_z * Vector3::new(at(n).cos(), at(n).sin(), 0.0)).collect()
+            }
+            _ => (0..DIRECTIONS).map(|n| axes * basis::on_sphere(n, DIRECTIONS).into_inner()).collect(),
+        };
         let farthest = |n: usize| {
             let axis = axes.column(n / 2) * [1.0, -1.0][n % 2];
             let along = |p: &&Point<Ct>| p.coords.dot(&axis);
@@ -255,7 +277,7 @@ impl WayIn {
             profile,
             length_mm,
             tilt_limit_rad: tool.tilt_limit_rad,
-            in_plane: tool.in_plane,
+            tilts: tool.tilts,
             directions,
         }))
     }
@@ -322,8 +344,13 @@ impl WayIn {
         direction: Vector3<f64>,
         (directions, lines): (&[Vector3<f64>], &[Vec<f64>]),
     ) -> (f64, Way) {
-        let hinge = basis::from_z(&direction).matrix().column(0).into_owned();
-        let is_taken = |line: &Vector3<f64>| !self.in_plane || line.dot(&hinge).abs() <= SPREAD;
+        let hinge = match self.tilts {
+            Tilts::Freely => None,
+            Tilts::AboutBasisX => Some(basis::from_z(&direction).matrix().column(0).into_owned()),
+            Tilts::About(hinge) => Some(hinge),
+        };
+        let is_taken =
+            |line: &Vector3<f64>| hinge.is_none_or(|hinge: Vector3<f64>| line.dot(&hinge).abs() <= SPREAD);
         let near: Vec<(usize, f64)> = (0..directions.len())
             .filter(|n| is_taken(&directions[*n]))
             .map(|n| (n, self.tilted(angle(&directions[n], &direction))))
@@ -390,6 +417,9 @@ impl WayIn {
 
     /// Directions within the tilt limit of one, on rings of its own basis, whose tilts in the plane are among them.
     fn around(&self, direction: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        if let Tilts::About(_) = self.tilts {
+            return self.directions.clone();
+        }
         let from_z = basis::from_z(direction);
         let rings = (self.tilt_limit_rad / RINGS_RAD).ceil();
         let ring = |ring: usize| {

@@ -99,6 +99,22 @@ fn refinement_lowers_the_cost_and_calms_the_turns_in_a_plane_and_on_a_cap() {
     }
 }
 
+/// An arm's tilt ends between two directions of the set; the wished axes lie beyond.
+#[test]
+fn refinement_stays_in_the_range_of_the_arm_s_tilt() {
+    let family = TiltFamily { lower_rad: -0.195, upper_rad: 0.213, ..family() };
+    let setup = Setup::new(Directions::in_plane(&family, 0.06, 1.0), 120, |_, _| true);
+    let none = Forbidden::default();
+    let problem = setup.problem(&none);
+    let sequence = sequence_of(best_sequence(&problem));
+    let refined = refine(&problem, &sequence, Chart::Plane(&family), |_, _| true, |_, _, _| true);
+    let angles = refined.angles_rad.unwrap();
+    let (least, most) = angles.iter().fold((f64::MAX, f64::MIN), |(a, b), q| (q.min(a), q.max(b)));
+    assert!(least >= family.lower_rad && most <= family.upper_rad, "{least} to {most}");
+    let last = setup.directions.angles_rad().unwrap().iter().fold(f64::MIN, |most, q| q.max(most));
+    assert!(most > last + 1e-3, "the range is used beyond the last direction: {most}, {last}");
+}
+
 /// Half of the sphere is not free; every refined axis is free, and so is every axis between two of them.
 #[test]
 fn refinement_stays_inside_the_permissible_set_between_waypoints_too() {

@@ -18,14 +18,14 @@ fn found(
     hu: impl Fn([f64; 3]) -> f32,
     given: Option<Vector3<f64>>,
 ) -> Result<ChosenWay, SceneError> {
-    found_for(turn, hu, given, None)
+    found_for(turn, hu, given, (Tilts::Freely, None))
 }
 
 fn found_for(
     turn: Matrix3<f64>,
     hu: impl Fn([f64; 3]) -> f32,
     given: Option<Vector3<f64>>,
-    arm: Option<ArmHolds<'_>>,
+    (tilts, arm): (Tilts, Option<ArmHolds<'_>>),
 ) -> Result<ChosenWay, SceneError> {
     let grid = Grid::<Ct>::new([60, 50, 40], Vector3::repeat(1.0), turn, Vector3::zeros()).unwrap();
     let at = |n: usize| grid.voxel(n).map(|c| c as f64);
@@ -45,7 +45,7 @@ fn found_for(
     let (ct, labels) = (ct.unwrap(), Volume::new(grid.clone(), labels).unwrap());
     let target: Vec<_> =
         (0..grid.len()).filter(|n| is_target(at(*n))).map(|n| grid.center(grid.voxel(n))).collect();
-    let tool = WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5, in_plane: false };
+    let tool = WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5, tilts };
     let spec = SceneSpec {
         ct: &ct,
         labels: &labels,
@@ -157,7 +157,10 @@ fn walled_in_is_refused() {
 #[test]
 fn only_what_the_arm_can_hold_at_the_target_counts_unless_it_can_hold_nothing() {
     let chosen = |holds: &(dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync)| {
-        found_for(Matrix3::identity(), half_space, None, Some(ArmHolds(holds))).unwrap().best.direction
+        found_for(Matrix3::identity(), half_space, None, (Tilts::Freely, Some(ArmHolds(holds))))
+            .unwrap()
+            .best
+            .direction
     };
     let free = found(Matrix3::identity(), half_space, None).unwrap().best.direction;
     // an arm that stands at low x and reaches the target with the handpiece leaning to it only
@@ -168,4 +171,13 @@ fn only_what_the_arm_can_hold_at_the_target_counts_unless_it_can_hold_nothing() 
     assert!(leaning.x < -0.4 && leaning.z > 0.7, "{leaning:?}");
     assert_eq!(chosen(&|_, _| true), free);
     assert_eq!(chosen(&|_, _| false), free);
+}
+
+#[test]
+fn an_arm_that_tilts_about_one_axis_comes_across_it() {
+    let hinge = Vector3::new(0.0, 0.8, 0.6);
+    let way = found_for(Matrix3::identity(), half_space, None, (Tilts::About(hinge), None)).unwrap().best;
+    assert!(way.direction.dot(&hinge).abs() < 1e-12 && way.reached > 0.9, "{way:?}");
+    // the normal itself lies 37 degrees from the plane
+    assert!((way.direction.z - 0.8).abs() < 0.02, "{way:?}");
 }
