@@ -36,4 +36,5 @@ mod thin_bone;
 mod tidy;
 mod travel;
 mod verify;
+mod way_in;
 mod whole_way;

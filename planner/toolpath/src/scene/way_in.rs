@@ -167,7 +167,8 @@ pub(super) fn approach(
             if let Tilts::About(hinge) = tool.tilts {
                 rounded -= hinge * hinge.dot(&rounded);
             }
-            chosen.best.direction = rounded.normalize();
+            // no minus before a zero
+            chosen.best.direction = rounded.normalize().map(|c| c + 0.0);
             Ok((chosen.best.direction, Some(chosen)))
         }
         (None, None) => Err(SceneError::NoRoom { radius_mm: spec.tool.cutter_radius_mm }),

@@ -1,0 +1,48 @@
+//! An approach that the case leaves out is chosen, told, and as good as an expert's; where the arm's place is given, the arm can take it.
+
+use std::fs;
+
+use bonemill_planner::plan::StoredPlan;
+use nalgebra::{Rotation3, Vector3};
+
+use crate::support::place::Place;
+
+const GIVEN: &str = "[approach]\ndirection = [0.0, 0.0, 1.0]\n";
+
+/// Plans the case, which must pass `verify`; returns the plan and the removed share of the target.
+fn planned(place: &Place) -> (StoredPlan, f64) {
+    let ran = place.plan();
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
+    let share = record["metrics"]["removed_share"].as_float().unwrap();
+    (StoredPlan::load(&place.path("plan")).unwrap(), share)
+}
+
+#[test]
+fn a_direction_that_is_left_out_is_chosen_and_removes_what_an_expert_s_does() {
+    let (_, expert) = planned(&Place::healthy());
+    let place = Place::healthy().with_case(GIVEN, "");
+    let (plan, share) = planned(&place);
+    assert!(share > expert - 0.01, "{share}, along an expert's direction {expert}");
+    let said = plan.record.warnings.iter().find(|said| said.starts_with("approach.direction is not given"));
+    assert!(said.is_some_and(|said| said.contains(" was chosen")), "{:?}", plan.record.warnings);
+    let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
+    assert!(report.contains("approach.direction is not given"));
+}
+
+/// The pocket's middle lies at the base's origin; the base leans, so that the pocket's normal is not among the arm's shaft axes.
+#[test]
+fn a_bone_attached_arm_whose_place_is_given_is_approached_across_its_hinge() {
+    let base_from_ct = Rotation3::from_axis_angle(&Vector3::x_axis(), 20f64.to_radians());
+    let at_mm = -(base_from_ct * Vector3::new(-1.5, 1.5, 12.0));
+    let rows: Vec<Vec<f64>> =
+        base_from_ct.matrix().row_iter().map(|row| row.iter().copied().collect()).collect();
+    let at_mm: [f64; 3] = at_mm.into();
+    let arm = format!("rate_hz = 100\nbase_from_ct = {{ rotation = {rows:?}, translation_mm = {at_mm:?} }}");
+    let (plan, share) = planned(&Place::healthy().with_case(GIVEN, "").with_case("rate_hz = 100", &arm));
+    let hinge = base_from_ct.inverse() * Vector3::y();
+    assert!(plan.record.frames.approach_direction.dot(&hinge).abs() < 1e-9);
+    assert!(share > 0.9, "{share}");
+}
