@@ -32,6 +32,21 @@ fn a_direction_that_is_left_out_is_chosen_and_removes_what_an_expert_s_does() {
     assert!(report.contains("approach.direction is not given"));
 }
 
+#[test]
+fn a_ur_whose_place_is_given_can_hold_the_tool_along_the_way_in() {
+    let arm = "rate_hz = 100\nmodel = \"ur5e\"\n\
+               flange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }\n\
+               base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [850, 0, 200] }";
+    let (plan, share) = planned(&Place::healthy().with_case(GIVEN, "").with_case("rate_hz = 100", arm));
+    let said = plan.record.warnings.iter().find(|said| said.starts_with("approach.direction is not given"));
+    assert!(
+        said.is_some_and(|said| said.contains("held by the arm where it stands")),
+        "{:?}",
+        plan.record.warnings
+    );
+    assert!(share > 0.9, "{share}");
+}
+
 /// The pocket's middle lies at the base's origin; the base leans, so that the pocket's normal is not among the arm's shaft axes.
 #[test]
 fn a_bone_attached_arm_whose_place_is_given_is_approached_across_its_hinge() {

@@ -179,14 +179,14 @@ impl<F: Frame> Grid<F> {
         Self::new(dims, self.spacing_mm, self.axes, self.center(lo).coords)
     }
 
-    /// The grid of voxels of half the sides that fill the same box.
-    pub fn halved(&self) -> Self {
-        let origin_mm = self.at([-0.25; 3]).coords;
+    /// The same box in voxels of a `parts`-th of the sides.
+    pub fn divided(&self, parts: usize) -> Self {
+        let first = 0.5 / parts as f64 - 0.5;
         Self {
-            dims: self.dims.map(|n| 2 * n),
-            spacing_mm: 0.5 * self.spacing_mm,
+            dims: self.dims.map(|n| n * parts),
+            spacing_mm: self.spacing_mm / parts as f64,
             axes: self.axes,
-            origin_mm,
+            origin_mm: self.at([first; 3]).coords,
             frame: PhantomData,
         }
     }
@@ -265,6 +265,20 @@ mod tests {
         assert_eq!(c.dims(), [4, 4, 2]);
         assert!(c.center([3, 0, 1]).distance_mm(&g.center([5, 1, 2])) < 1e-12);
         assert!(g.crop([0, 0, 0], [7, 0, 0]).is_err());
+    }
+
+    #[test]
+    fn parts_of_a_voxel_lie_in_it() {
+        let g = grid(true);
+        let fine = g.divided(3);
+        for n in 0..fine.len() {
+            let voxel = fine.voxel(n);
+            assert_eq!(g.nearest(fine.center(voxel)), Some(voxel.map(|v| v / 3)));
+        }
+        for (a, b) in g.corners().iter().zip(fine.corners()) {
+            assert!(a.distance_mm(&b) < 1e-12);
+        }
+        assert_eq!(g.divided(1).origin().coords, g.origin().coords);
     }
 
     #[test]

@@ -75,16 +75,6 @@ impl<T, F: Frame> Volume<T, F> {
         &self.data[self.grid.index(voxel)]
     }
 
-    /// Every voxel as eight of half its sides, with its value.
-    pub fn halved(&self) -> Self
-    where
-        T: Clone,
-    {
-        let grid = self.grid.halved();
-        let data = (0..grid.len()).map(|n| self.get(grid.voxel(n).map(|v| v / 2)).clone()).collect();
-        Self { grid, data }
-    }
-
     /// The volume of `f` of each value, on the same grid.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Volume<U, F> {
         Volume { grid: self.grid.clone(), data: self.data.iter().map(f).collect() }
@@ -189,19 +179,6 @@ mod tests {
         assert!((half - 0.5 * field(Point::new(-1.0, 0.0, 2.0))).abs() < 1e-12);
         assert_eq!(v.trilinear(Point::new(99.0, 0.0, 0.0), -5.0), -5.0);
         assert_eq!(v.trilinear(Point::new(f64::NAN, 0.0, 0.0), -5.0), -5.0);
-    }
-
-    #[test]
-    fn halves_keep_place_and_value() {
-        let grid = Grid::<Work>::aligned([3, 2, 2], 0.5, Point::new(-1.0, 0.0, 2.0)).unwrap();
-        let whole = Volume::new(grid, (0..12).collect()).unwrap();
-        let fine = whole.halved();
-        assert_eq!(fine.grid().corners(), whole.grid().corners());
-        for n in 0..fine.grid().len() {
-            let voxel = fine.grid().voxel(n);
-            let around = whole.grid().nearest(fine.grid().center(voxel)).unwrap();
-            assert_eq!(fine.get(voxel), whole.get(around));
-        }
     }
 
     #[test]

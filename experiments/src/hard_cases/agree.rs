@@ -209,9 +209,12 @@ impl RandomCase {
             (Some(figures), Some(twin)) if figures.approach.angle(&twin.approach) > ROUNDING_RAD => {
                 Vec::new()
             }
-            (Some(figures), Some(twin)) if is_other && ended_well(&twin_end) => figures.differ(&twin, true),
+            // other lines may leave a little more or less
+            (Some(figures), Some(twin)) if is_other && twin.farther_counts && ended_well(&twin_end) => {
+                figures.differ(&twin, true)
+            }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            (Some(figures), Some(twin)) => figures.differ(&twin, false),
+            (Some(figures), Some(twin)) => figures.differ(&twin, is_other),
             _ => Vec::new(),
         }
     }

@@ -35,7 +35,7 @@ impl Refused {
         }
         let advice = match (&error, case.approach) {
             (PlanError::OutOfReach { .. }, None) if case.job.channel().is_none() => {
-                ", or give approach.direction, which was chosen"
+                ", or give approach.direction: the present one was chosen by the planner"
             }
             _ => "",
         };

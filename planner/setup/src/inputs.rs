@@ -10,12 +10,12 @@ use bonemill_imaging::{
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_toolpath::scene::{
-    ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, Tilts, ToolReach, WayInTool, build_scene,
+    ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
 };
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::reach::StandingArm;
+use super::reach::{StandingArm, assumed_tilts};
 use super::{PlanError, channel};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
@@ -189,11 +189,11 @@ pub fn make_scene(
 /// The tool as far as the way in depends on it.
 fn way_in_tool(case: &Case, arm: Option<&StandingArm<'_>>) -> WayInTool {
     let straight = case.orientation.mode == OrientationMode::Fixed;
-    let assumed = if case.orientation.angles == 1 { Tilts::AboutBasisX } else { Tilts::Freely };
+    let angles = case.orientation.angles;
     WayInTool {
         shank_mm: case.shank.iter().map(|s| [s.length_mm, s.radius_mm]).collect(),
         tilt_limit_rad: if straight { 0.0 } else { case.orientation.tilt_limit_rad },
-        tilts: arm.map_or(assumed, StandingArm::tilts),
+        tilts: arm.map_or_else(|| assumed_tilts(angles), |arm| arm.tilts(angles)),
     }
 }
 

@@ -6,7 +6,8 @@ use bonemill_arm::arm::{AxisPose, InverseKind};
 use bonemill_arm::{Arm, ArmKind};
 use bonemill_case::Case;
 use bonemill_geometry::{Base, Ct, Point, Rigid, Work};
-use bonemill_robot::resolve::{PosePath, Posture, RollFrame, resolve};
+use bonemill_robot::resolve::postures::reached;
+use bonemill_robot::resolve::{Posture, RollFrame};
 use bonemill_toolpath::scene::{Class, Scene, Tilts};
 use nalgebra::{Unit, Vector3};
 
@@ -62,24 +63,32 @@ impl<'a> StandingArm<'a> {
         Ok(registration::given(&case.robot)?.map(standing))
     }
 
-    /// How it tilts a shaft: the bone-attached arm about its base's y.
-    pub fn tilts(&self) -> Tilts {
+    /// How it tilts a shaft with so many angles: the bone-attached arm about its base's y, any other with one angle about the x of the approach's basis.
+    pub fn tilts(&self, angles: u32) -> Tilts {
+        let in_ct = |v: Vector3<f64>| self.base_from_ct.inverse().rotate(&v);
         match self.arm.inverse_kind() {
-            InverseKind::BoneAttached => Tilts::About(self.base_from_ct.inverse().rotate(&Vector3::y())),
-            _ => Tilts::Freely,
+            InverseKind::BoneAttached => {
+                Tilts::About { hinge: in_ct(Vector3::y()), zero: in_ct(Vector3::z()) }
+            }
+            _ => assumed_tilts(angles),
         }
     }
 
-    /// Whether it has a joint vector at each place with the shaft along a direction, unit in ct. Without a closed form it is taken to have one: to search
-    /// for thousands of poses takes minutes.
+    /// Whether it has a joint vector at each place with the shaft along a direction, unit in ct, all in one posture. Without a closed form it is taken to
+    /// have them: to search for thousands of poses takes minutes.
     pub fn holds(&self, places: &[Point<Ct>], shaft: &Vector3<f64>) -> bool {
+        if self.arm.inverse_kind() == InverseKind::Numeric {
+            return true;
+        }
         let axis = Unit::new_normalize(self.base_from_ct.rotate(shaft));
-        let has_one = |place: &Point<Ct>| {
-            let poses = [AxisPose { position: self.base_from_ct * *place, axis }];
-            let (frame, posture) = (RollFrame::about(&axis), self.posture);
-            let path = PosePath { poses: &poses, length_mm: &[0.0], frame, stiffness: None, posture };
-            matches!(resolve(self.arm, &path), Ok(Ok(_)))
-        };
-        self.arm.inverse_kind() == InverseKind::Numeric || places.iter().all(has_one)
+        let pose = |place: &Point<Ct>| AxisPose { position: self.base_from_ct * *place, axis };
+        let poses: Vec<_> = places.iter().map(pose).collect();
+        let whole = (RollFrame::about(&axis), self.posture);
+        reached(self.arm, &poses, whole, &[], |_| Vec::new()).count() == poses.len()
     }
+}
+
+/// How an arm whose place is assumed tilts a shaft with so many angles.
+pub fn assumed_tilts(angles: u32) -> Tilts {
+    if angles == 1 { Tilts::AboutBasisX } else { Tilts::Freely }
 }

@@ -108,10 +108,14 @@ fn fitted(ct_mm: &[[f64; 3]], base_mm: &[[f64; 3]]) -> Result<Fitted, PlanError>
 /// The case's registration, fitted where it gives fiducials, assumed where it gives none.
 ///
 /// # Errors
-/// [`PlanError::Registration`], and those of [`tools::base_from_ct`].
+/// [`PlanError::Registration`], and those of [`tools::assumed_base_from_ct`].
 pub fn registration(robot: &RobotSpec, scene: &Scene) -> Result<Registered, PlanError> {
     let Registration::Fiducials { ct_mm, base_mm } = &robot.base_from_ct else {
-        return Ok(Registered { base_from_ct: tools::base_from_ct(robot, scene)?, fitted: None });
+        let base_from_ct = match given(robot)? {
+            Some(base_from_ct) => base_from_ct,
+            None => tools::assumed_base_from_ct(robot, scene)?,
+        };
+        return Ok(Registered { base_from_ct, fitted: None });
     };
     let fitted = fitted(ct_mm, base_mm)?;
     let center = scene.ct_from_work * scene.target_center;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
 use bonemill_arm::{Arm, read_urdf};
-use bonemill_case::{self as case, Case, Registration, ToolSpec};
+use bonemill_case::{self as case, Case, ToolSpec};
 use bonemill_cutting::burr::{
     AtPoints, Discretisation, ElementGrid, Feed, ForceKernel, Material, Measure, ModelError, Tool,
 };
@@ -125,7 +125,7 @@ pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
         (tilt_deg > 0.0 && tilt_deg <= 0.5 * PI).then(|| radians("orientation.tilt_limit_deg", tilt_deg));
     // a sixth or a quarter of half a turn, and multiples up to a turn
     let is_round = |deg: f64| {
-        let of = |part: f64| (deg / part).abs() > 0.5 && (deg - (deg / part).round() * part).abs() < 2e-3;
+        let of = |part: f64| (deg / part).abs() > 0.5 && (deg - (deg / part).round() * part).abs() < 5e-3;
         deg.abs() < 6.3 && (of(PI / 6.0) || of(PI / 4.0))
     };
     let raster_deg = case.path.raster_rad.map(f64::to_degrees);
@@ -151,17 +151,14 @@ fn accuracy_warning(case: &Case, arm: &Arm) -> Option<String> {
     })
 }
 
-/// base_from_ct: the case's, or an assumed one with base x, y, z along the approach's y, −x, z.
+/// base_from_ct where the case gives none: base x, y, z along the approach's y, −x, z.
 ///
 /// The bone-attached arm has the target's centre at its base's origin; a UR has it before and above its base by
 /// `ASSUMED_PLACE`, the approach upright.
 ///
 /// # Errors
 /// [`PlanError::Needed`] for an arm from a URDF, of which nothing is known that could be assumed.
-pub fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
-    if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
-        return Ok(Rigid::new(*rotation, *translation_mm));
-    }
+pub fn assumed_base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
     let place = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
         ("bone-attached", _) => Vector3::zeros(),
         (_, Some(model)) => {
@@ -233,9 +230,15 @@ mod tests {
                 .contains("tilt_limit_deg = 0.785 is in degrees; it looks like radians, which would be 45.0")
         );
         case.orientation.tilt_limit_rad = 0.785;
-        for (deg, is_told) in
-            [(1.5708, true), (-0.785, true), (3.1416, true), (0.0, false), (1.5, false), (90.0, false)]
-        {
+        for (deg, is_told) in [
+            (1.5708, true),
+            (-0.79, true),
+            (1.05, true),
+            (3.1416, true),
+            (0.0, false),
+            (1.5, false),
+            (90.0, false),
+        ] {
             case.path.raster_rad = Some(f64::to_radians(deg));
             assert_eq!(told(&case).iter().any(|text| text.contains("path.raster_deg = ")), is_told, "{deg}");
         }

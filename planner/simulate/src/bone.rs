@@ -3,8 +3,8 @@
 //! The [`Lattice`](super::Lattice) holds what is left of it. A voxel is solid when its class is bone, structure or material
 //! of the target; without classes, when its density is above 0. Only solid voxels stop the shank, except thin sheets beside the target.
 //!
-//! Where the images are known, forces, volumes and masses have their bone, which ends between two voxels of the grid and can be thinner than one: the same
-//! bone as the plan's forces have.
+//! Where the images are known, forces have their bone, which ends between two voxels of the grid and can be thinner than one: the same bone as the plan's
+//! forces have. So have volumes and masses in cells that are finer than voxels; larger cells sum the voxels' centres.
 
 use std::ops::Range;
 
@@ -184,12 +184,9 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Point::from_coords(self.origin_mm + index / self.per_mm)
     }
 
-    /// Density at a continuous index, g/cm³; 0 outside the array. Of the images, or without them trilinear.
+    /// Trilinear density of the voxels at a continuous index, g/cm³; 0 outside the array.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
-        if self.matter.is_some() {
-            return self.solid_at(index).map_or(0.0, |(density, _)| density);
-        }
         let index = (*index).into();
         let inside = self.density_g_cm3.trilinear_inside(index);
         inside.unwrap_or_else(|| self.density_g_cm3.trilinear_at(index, 0.0).max(0.0))
@@ -222,18 +219,31 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         (density > 0.0).then_some((density, kind))
     }
 
-    /// Density and kind at a continuous index, g/cm³; `None` where nothing is solid. Of the images, or without them those of the nearest voxel. A structure
-    /// is solid even where it is softer than bone.
+    /// Density and kind at a continuous index, g/cm³; `None` where nothing is solid. Of the images, whose kind is that of the nearest solid voxel beside
+    /// the place; without them of the voxel there. A structure is solid even where it is softer than bone.
     #[inline]
     pub(super) fn solid_at(&self, index: &Vector3<f64>) -> Option<(f64, VoxelKind)> {
         let voxel = self.nearest(index);
         let Some(matter) = self.matter else { return voxel };
-        let density = matter.density_g_cm3(self.at(*index));
-        if density > 0.0 {
-            Some((density, voxel.map_or(VoxelKind::Sheet, |(_, kind)| kind)))
-        } else {
-            voxel.filter(|(_, kind)| *kind == VoxelKind::Structure)
+        match matter.solid_g_cm3(self.at(*index)) {
+            Some(density) => {
+                let kind = voxel.map(|(_, kind)| kind).or_else(|| self.kind_beside(index));
+                Some((density, kind.unwrap_or(VoxelKind::Sheet)))
+            }
+            None => voxel.filter(|(_, kind)| *kind == VoxelKind::Structure),
         }
+    }
+
+    /// The kind of the nearest solid one of the eight voxels around a continuous index; of two the more important.
+    fn kind_beside(&self, index: &Vector3<f64>) -> Option<VoxelKind> {
+        let corner = |n: usize| Vector3::from_fn(|a, _| index[a].floor() + (n >> a & 1) as f64);
+        let near = (0..8).map(corner).filter_map(|at| Some(((at - index).norm(), self.nearest(&at)?.1)));
+        near.min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1))).map(|(_, kind)| kind)
+    }
+
+    /// Whether the images have anything solid at one of these continuous indices; false without images.
+    pub(super) fn has_matter_at(&self, mut places: impl Iterator<Item = Vector3<f64>>) -> bool {
+        self.matter.is_some_and(|matter| places.any(|index| matter.solid_g_cm3(self.at(index)).is_some()))
     }
 
     /// Density and kind of a voxel of the grid; `None` where it is not solid.

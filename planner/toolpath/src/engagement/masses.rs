@@ -16,8 +16,8 @@ use crate::path::PathPoint;
 /// threads.
 const SLABS: usize = 6;
 
-/// Larger voxels, as a share of the radius, are halved along each axis: of two balls that take parts of a voxel the larger part counts, which misses what
-/// only the smaller one takes. At a third of the radius that is up to 2 % of the mass.
+/// Larger voxels, as a share of the radius, are divided: of two balls that take parts of a voxel the larger part counts, which misses what only the
+/// smaller one takes. At a third of the radius that is up to 2 % of the mass.
 const LARGEST_VOXEL: f64 = 0.2;
 
 /// Volumes of a voxel of which less is left differ by rounding.
@@ -33,10 +33,9 @@ pub fn mass_increments(
     points: &[PathPoint],
     Ball { radius_mm }: Ball,
 ) -> Vec<Moments> {
-    let is_coarse = density_g_cm3.grid().spacing_mm().x > LARGEST_VOXEL * radius_mm;
-    let fine = is_coarse.then(|| density_g_cm3.halved());
-    let density_g_cm3 = fine.as_ref().unwrap_or(density_g_cm3);
-    let grid = density_g_cm3.grid();
+    let coarse = density_g_cm3.grid();
+    let parts = (coarse.spacing_mm().x / (LARGEST_VOXEL * radius_mm) - 1e-9).ceil().max(1.0) as usize;
+    let grid = coarse.divided(parts);
     let [nx, ny, nz] = grid.dims();
     let thickness = nz.div_ceil(SLABS);
     let mut total = vec![Moments::new(radius_mm); points.len()];
@@ -44,8 +43,9 @@ pub fn mass_increments(
         .into_par_iter()
         .map(|slab| {
             let k = slab * thickness..((slab + 1) * thickness).min(nz);
-            let from = nx * ny * k.start;
-            slab_increments(grid, k.clone(), &density_g_cm3.data()[from..nx * ny * k.end], points, radius_mm)
+            let of_voxel = |n| *density_g_cm3.get(grid.voxel(n).map(|v| v / parts));
+            let density: Vec<f32> = (nx * ny * k.start..nx * ny * k.end).map(of_voxel).collect();
+            slab_increments(&grid, k, &density, points, radius_mm)
         })
         .collect();
     for (index, increment) in slabs.into_iter().flatten() {

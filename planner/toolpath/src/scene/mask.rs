@@ -1,5 +1,7 @@
 //! Which voxels of the work grid are the target: those of its label, or bone and enclosed air in its shape, in the scan.
 
+use std::f64::consts::PI;
+
 use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
 use nalgebra::Vector3;
@@ -11,6 +13,9 @@ use super::edge::{ByFace, TargetOutside, beyond_face, cut_off};
 use super::hull::convex_hull;
 use super::inside::Inside;
 use super::{SceneError, SceneSpec, Target};
+
+/// A margin's outline has so many corners.
+const MARGIN_POINTS: usize = 16;
 
 /// The extents of what the case asks for and adds, in ct.
 pub(super) struct Drawn(pub Vec<DrawnPart>);
@@ -24,20 +29,27 @@ pub(super) struct DrawnPart {
 }
 
 impl Drawn {
-    /// Points whose convex hull is that of the target as it is seen along the approach: of a label that of its voxels' boxes, so that it does not
-    /// depend on how finely a label is stored.
+    /// Points whose convex hull is that of the target as it is seen along the approach: of a label that of its voxels' boxes with their margin, so that it
+    /// does not depend on how finely a label is stored.
     pub fn outline(&self, labels: &Grid<Ct>, work_from_ct: &Rigid<Work, Ct>) -> Vec<[f64; 2]> {
         let sides = [0, 1, 2].map(|axis| {
             work_from_ct.rotate(&(labels.axes().column(axis) * (0.5 * labels.spacing_mm()[axis])))
         });
-        let corners: Vec<Vector3<f64>> =
-            (0..8).map(|n| (0..3).map(|axis| sides[axis] * [-1.0, 1.0][n >> axis & 1]).sum()).collect();
+        let corner =
+            |n: usize| -> Vector3<f64> { (0..3).map(|axis| sides[axis] * [-1.0, 1.0][n >> axis & 1]).sum() };
+        let corners: Vec<[f64; 2]> = (0..8).map(|n| corner(n).xy().into()).collect();
         let seen = |part: &DrawnPart| {
             let points = part.points.iter().map(|p| *work_from_ct * *p).map(|p| [p.x(), p.y()]).collect();
-            let hull = convex_hull(points).into_iter();
+            let hull = convex_hull(points);
             match part.label_margin_mm {
-                Some(_) => hull.flat_map(|[x, y]| corners.iter().map(move |c| [x + c.x, y + c.y])).collect(),
-                None => hull.collect::<Vec<_>>(),
+                Some(margin_mm) if margin_mm > 0.0 => {
+                    let around = |n: usize| 2.0 * PI * n as f64 / MARGIN_POINTS as f64;
+                    let circle =
+                        (0..MARGIN_POINTS).map(|n| [around(n).cos(), around(n).sin()].map(|c| c * margin_mm));
+                    sums(&sums(&hull, &corners), &circle.collect::<Vec<_>>())
+                }
+                Some(_) => sums(&hull, &corners),
+                None => hull,
             }
         };
         self.0.iter().flat_map(seen).collect()
@@ -100,6 +112,11 @@ fn too_much_outside(spec: &SceneSpec, target: &[Point<Ct>], outside: String) -> 
         target: extent_text(extent(target.iter().copied())),
         ct: extent_text(extent(spec.ct.grid().corners())),
     }
+}
+
+/// Every sum of a point and an offset.
+fn sums(points: &[[f64; 2]], offsets: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    points.iter().flat_map(|[x, y]| offsets.iter().map(move |[dx, dy]| [x + dx, y + dy])).collect()
 }
 
 /// The images on the planning grid.

@@ -8,7 +8,9 @@
 //! A direction reaches a place if some line within the tilt limit of it is free. Directions are ranked by the mean over all places of the best such line,
 //! which counts less the more it is tilted and the deeper it begins: a way through soft tissue is open, but the shortest one is meant. Directions are laid
 //! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach. Where the arm's place is known, only
-//! those count along which it holds the tool at the target's outermost places, if there are any; an arm that tilts about one axis has those across it only.
+//! lines count along which it holds the tool at the outermost places, if any of them is free; an arm that tilts about one axis has directions across it only.
+//!
+//! An axis of the scan near the best direction is taken where it ranks as high.
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
@@ -77,8 +79,13 @@ pub enum Tilts {
     Freely,
     /// About the x of the approach's basis.
     AboutBasisX,
-    /// About this axis, unit in ct, to which every shaft is perpendicular.
-    About(Vector3<f64>),
+    /// About an axis to which every shaft is perpendicular; both unit in ct.
+    About {
+        /// The axis.
+        hinge: Vector3<f64>,
+        /// The shaft at tilt 0.
+        zero: Vector3<f64>,
+    },
 }
 
 /// Whether an arm can hold the tool with the burr's centre at each of some places and the shaft along a direction, unit, both in ct.
@@ -102,7 +109,7 @@ pub enum ApproachSpec<'a> {
         given: Option<Vector3<f64>>,
         /// The tool.
         tool: WayInTool,
-        /// The arm, where its place is known: only directions count along which it holds the tool at the target, if there are any.
+        /// The arm, where its place is known: only lines count along which it holds the tool at the target, if there are any.
         arm: Option<ArmHolds<'a>>,
     },
 }
@@ -123,6 +130,8 @@ pub struct ChosenWay {
     pub best: Way,
     /// The best of those far from it and from each other.
     pub others: Vec<Way>,
+    /// Whether only lines count along which the arm holds the tool where it stands.
+    pub by_arm: bool,
 }
 
 /// Lines from places at the target.
@@ -138,7 +147,9 @@ pub(super) struct WayIn {
     tilt_limit_rad: f64,
     tilts: Tilts,
     directions: Vec<Vector3<f64>>,
-    /// Those places that lie farthest along the axes of `directions` and against them.
+    /// Of the CT's voxels, as columns.
+    scan_axes: Matrix3<f64>,
+    /// Those places that lie farthest along the target's inertia axes and against them.
     outermost: Vec<Point<Ct>>,
 }
 
@@ -160,11 +171,11 @@ pub(super) fn approach(
         (Some(direction), Some(way_in)) => way_in.check(direction).map(|()| (direction, None)),
         (Some(direction), None) => Ok((direction, None)),
         (None, Some(way_in)) => {
-            let chosen = arm.and_then(|arm| way_in.best(|direction| (arm.0)(&way_in.outermost, direction)));
-            let mut chosen = chosen.or_else(|| way_in.best(|_| true)).ok_or(SceneError::NoApproach)?;
+            let chosen = arm.and_then(|arm| way_in.best(Some(arm))).or_else(|| way_in.best(None));
+            let mut chosen = chosen.ok_or(SceneError::NoApproach)?;
             // the same for a scan that is stored otherwise, whose header has single precision
             let mut rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
-            if let Tilts::About(hinge) = tool.tilts {
+            if let Tilts::About { hinge, .. } = tool.tilts {
                 rounded -= hinge * hinge.dot(&rounded);
             }
             // no minus before a zero
@@ -256,10 +267,9 @@ impl WayIn {
         }
         let axes = inertia_axes(target);
         let directions = match tool.tilts {
-            Tilts::About(hinge) => {
-                let from_z = basis::from_z(&hinge);
+            Tilts::About { hinge, zero } => {
                 let at = |n: usize| 2.0 * PI * n as f64 / IN_PLANE as f64;
-                (0..IN_PLANE).map(|n| from_z * Vector3::new(at(n).cos(), at(n).sin(), 0.0)).collect()
+                (0..IN_PLANE).map(|n| zero * at(n).cos() + hinge.cross(&zero) * at(n).sin()).collect()
             }
             _ => (0..DIRECTIONS).map(|n| axes * basis::on_sphere(n, DIRECTIONS).into_inner()).collect(),
         };
@@ -271,6 +281,7 @@ impl WayIn {
         let outermost = (0..6).filter_map(farthest).collect();
         Ok(Some(Self {
             outermost,
+            scan_axes: *spec.ct.grid().axes(),
             holds,
             solid_mm,
             solid_face_mm,
@@ -339,16 +350,18 @@ impl WayIn {
         1.0 - TILTED_LESS * angle_rad / self.tilt_limit_rad.max(1e-9)
     }
 
-    /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of `directions` counts.
+    /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of `directions` counts. The line along the direction
+    /// itself counts if it `is_held`.
     fn ranked(
         &self,
         direction: Vector3<f64>,
+        is_held: bool,
         (directions, lines): (&[Vector3<f64>], &[Vec<f64>]),
     ) -> (f64, Way) {
         let hinge = match self.tilts {
             Tilts::Freely => None,
             Tilts::AboutBasisX => Some(basis::from_z(&direction).matrix().column(0).into_owned()),
-            Tilts::About(hinge) => Some(hinge),
+            Tilts::About { hinge, .. } => Some(hinge),
         };
         let is_taken =
             |line: &Vector3<f64>| hinge.is_none_or(|hinge: Vector3<f64>| line.dot(&hinge).abs() <= SPREAD);
@@ -360,7 +373,7 @@ impl WayIn {
         let (mut rank, mut reached) = (0.0, 0usize);
         for (place, lines) in self.places.iter().zip(lines) {
             let best = near.iter().map(|(n, tilted)| tilted * lines[*n]).fold(0.0, f64::max);
-            let straight = Self::counts(self.deep_mm(*place, &direction));
+            let straight = if is_held { Self::counts(self.deep_mm(*place, &direction)) } else { 0.0 };
             rank += best.max(straight);
             reached += usize::from(best.max(straight) > 0.0);
         }
@@ -377,12 +390,13 @@ impl WayIn {
         self.places.par_iter().map(of_place).collect()
     }
 
-    /// The direction, of those that are possible, along which burr and shank reach most; `None` where they reach nothing along any.
-    pub fn best(&self, is_possible: impl Fn(&Vector3<f64>) -> bool + Sync) -> Option<ChosenWay> {
-        let directions: Vec<_> = self.directions.par_iter().copied().filter(&is_possible).collect();
-        let lines = self.lines(&directions);
-        let set = (&directions[..], &lines[..]);
-        let ranked: Vec<(f64, Way)> = directions.par_iter().map(|d| self.ranked(*d, set)).collect();
+    /// The direction along which burr and shank reach most by lines along which the arm holds the tool; `None` where they reach nothing along any.
+    pub fn best(&self, arm: Option<ArmHolds<'_>>) -> Option<ChosenWay> {
+        let is_held = |line: &Vector3<f64>| arm.is_none_or(|arm| (arm.0)(&self.outermost, line));
+        let held: Vec<_> = self.directions.par_iter().copied().filter(is_held).collect();
+        let lines = self.lines(&held);
+        let ranked_along = |d: &Vector3<f64>| self.ranked(*d, is_held(d), (&held, &lines));
+        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(ranked_along).collect();
         let mut order: Vec<usize> = (0..ranked.len()).collect();
         order.sort_by(|a, b| ranked[*b].0.total_cmp(&ranked[*a].0));
         let mut ways: Vec<(f64, Way)> = Vec::new();
@@ -403,8 +417,8 @@ impl WayIn {
             };
             let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
             let Some(direction) = mean.try_normalize(1e-12) else { break };
-            let (shifted_rank, shifted) = self.ranked(direction, set);
-            if shifted_rank < AS_HIGH * rank || !is_possible(&direction) {
+            let (shifted_rank, shifted) = ranked_along(&direction);
+            if shifted_rank < AS_HIGH * rank {
                 break;
             }
             let by_rad = angle(&shifted.direction, &best.direction);
@@ -413,12 +427,29 @@ impl WayIn {
                 break;
             }
         }
-        Some(ChosenWay { best, others: ways[1..].iter().map(|(_, way)| *way).collect() })
+        // the planning grid along an axis of the scan has the scan's own voxels, and faces of the target as they are drawn
+        let along_scan = (0..6).map(|n| self.scan_axes.column(n / 2) * [1.0, -1.0][n % 2]);
+        let along_scan =
+            along_scan.filter(|axis| self.can_be(axis) && angle(axis, &best.direction) <= CONE_RAD);
+        let along_scan = along_scan.map(|axis| ranked_along(&axis)).filter(|found| found.0 >= AS_HIGH * rank);
+        if let Some((_, way)) = along_scan.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            best = way;
+        }
+        Some(ChosenWay {
+            best,
+            others: ways[1..].iter().map(|(_, way)| *way).collect(),
+            by_arm: arm.is_some(),
+        })
+    }
+
+    /// Whether the arm can have its shaft along a direction.
+    fn can_be(&self, direction: &Vector3<f64>) -> bool {
+        !matches!(self.tilts, Tilts::About { hinge, .. } if hinge.dot(direction).abs() > ROUNDED_TO)
     }
 
     /// Directions within the tilt limit of one, on rings of its own basis, whose tilts in the plane are among them.
     fn around(&self, direction: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        if let Tilts::About(_) = self.tilts {
+        if let Tilts::About { .. } = self.tilts {
             return self.directions.clone();
         }
         let from_z = basis::from_z(direction);
@@ -440,12 +471,12 @@ impl WayIn {
     /// [`SceneError::FacesBone`].
     pub fn check(&self, direction: Vector3<f64>) -> Result<(), SceneError> {
         let around = self.around(&direction);
-        let (_, given) = self.ranked(direction, (&around, &self.lines(&around)));
+        let (_, given) = self.ranked(direction, true, (&around, &self.lines(&around)));
         let [least, most] = FACES_BONE;
         if given.reached >= least || self.places.len() < FEW {
             return Ok(());
         }
-        match self.best(|_| true) {
+        match self.best(None) {
             Some(ChosenWay { best, .. }) if best.reached >= most => {
                 Err(SceneError::FacesBone { given, best })
             }
@@ -465,8 +496,9 @@ impl ChosenWay {
             .collect();
         let others = if others.is_empty() { String::new() } else { format!("; {}", others.join(", ")) };
         format!(
-            "approach.direction is not given: {} was chosen, along which burr and shank reach {} of the burr's places at the target{others}",
+            "approach.direction is not given: {} was chosen, along which burr and shank{} reach {} of the burr's places at the target{others}",
             words(&self.best.direction),
+            if self.by_arm { ", held by the arm where it stands," } else { "" },
             percent(&self.best)
         )
     }

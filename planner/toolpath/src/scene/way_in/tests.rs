@@ -73,7 +73,11 @@ fn found_for(
     };
     let region = structure_region(&spec, &target);
     let (direction, chosen) = approach(&spec, (&target, &region), &[])?;
-    Ok(chosen.unwrap_or(ChosenWay { best: Way { direction, reached: f64::NAN }, others: vec![] }))
+    Ok(chosen.unwrap_or(ChosenWay {
+        best: Way { direction, reached: f64::NAN },
+        others: vec![],
+        by_arm: false,
+    }))
 }
 
 /// Bone below and beside the target, air above.
@@ -84,7 +88,8 @@ fn half_space([_, _, z]: [f64; 3]) -> f32 {
 #[test]
 fn out_of_a_half_space_leads_its_normal_and_turns_and_mirrors_with_the_scan() {
     let straight = found(Matrix3::identity(), half_space, None).unwrap().best;
-    assert!(straight.direction.z > 0.97 && straight.reached > 0.9, "{straight:?}");
+    // the normal is an axis of the scan
+    assert!(straight.direction.z > 1.0 - 1e-9 && straight.reached > 0.9, "{straight:?}");
     let turn = Rotation3::new(Vector3::new(0.7, -0.3, 1.1)).into_inner();
     let mirror = Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0));
     for change in [turn, mirror, turn * mirror] {
@@ -163,20 +168,21 @@ fn only_what_the_arm_can_hold_at_the_target_counts_unless_it_can_hold_nothing() 
             .direction
     };
     let free = found(Matrix3::identity(), half_space, None).unwrap().best.direction;
-    // an arm that stands at low x and reaches the target with the handpiece leaning to it only
+    // an arm that holds the handpiece only if it leans by 24 degrees or more to one side: lines lean so, the approach need not
     let leaning = chosen(&|places, shaft| {
         assert!(places.len() == 6 && places.iter().all(|p| (20.0..40.0).contains(&p.x())), "{places:?}");
         shaft.x < -0.4
     });
-    assert!(leaning.x < -0.4 && leaning.z > 0.7, "{leaning:?}");
+    assert!(leaning.x < -0.1 && leaning.z > 0.7 && leaning.x < free.x - 0.1, "{leaning:?}");
     assert_eq!(chosen(&|_, _| true), free);
     assert_eq!(chosen(&|_, _| false), free);
 }
 
 #[test]
 fn an_arm_that_tilts_about_one_axis_comes_across_it() {
-    let hinge = Vector3::new(0.0, 0.8, 0.6);
-    let way = found_for(Matrix3::identity(), half_space, None, (Tilts::About(hinge), None)).unwrap().best;
+    let (hinge, zero) = (Vector3::new(0.0, 0.8, 0.6), Vector3::x());
+    let way =
+        found_for(Matrix3::identity(), half_space, None, (Tilts::About { hinge, zero }, None)).unwrap().best;
     assert!(way.direction.dot(&hinge).abs() < 1e-12 && way.reached > 0.9, "{way:?}");
     // the normal itself lies 37 degrees from the plane
     assert!((way.direction.z - 0.8).abs() < 0.02, "{way:?}");
