@@ -231,10 +231,10 @@ mod tests {
         );
         case.orientation.tilt_limit_rad = 0.785;
         for (deg, is_told) in [
-            (1.5708, true),
+            (1.571, true),
             (-0.79, true),
             (1.05, true),
-            (3.1416, true),
+            (-2.36, true),
             (0.0, false),
             (1.5, false),
             (90.0, false),

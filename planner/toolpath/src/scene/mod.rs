@@ -29,7 +29,7 @@ pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
 pub use matter::Matter;
-pub use way_in::{ApproachSpec, ArmHolds, ChosenWay, Tilts, Way, WayInTool};
+pub use way_in::{ApproachSpec, ArmHolds, ChosenWay, HoldsAt, Tilts, Way, WayInTool};
 
 use bonemill_imaging::StructureField;
 

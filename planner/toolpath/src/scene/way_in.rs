@@ -88,9 +88,12 @@ pub enum Tilts {
     },
 }
 
-/// Whether an arm can hold the tool with the burr's centre at each of some places and the shaft along a direction, unit, both in ct.
+/// Of places of the burr's centre and a direction of the shaft, unit, both in ct.
+pub type HoldsAt<'a> = &'a (dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync);
+
+/// Whether an arm can hold the tool at each of some places.
 #[derive(Clone, Copy)]
-pub struct ArmHolds<'a>(pub &'a (dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync));
+pub struct ArmHolds<'a>(pub HoldsAt<'a>);
 
 impl std::fmt::Debug for ArmHolds<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -161,7 +161,7 @@ fn walled_in_is_refused() {
 
 #[test]
 fn only_what_the_arm_can_hold_at_the_target_counts_unless_it_can_hold_nothing() {
-    let chosen = |holds: &(dyn Fn(&[Point<Ct>], &Vector3<f64>) -> bool + Sync)| {
+    let chosen = |holds: HoldsAt<'_>| {
         found_for(Matrix3::identity(), half_space, None, (Tilts::Freely, Some(ArmHolds(holds))))
             .unwrap()
             .best
