@@ -230,8 +230,10 @@ fn rows<'a>(
         "--rate {rate_hz} Hz: expected above 0 and at most the trajectory's {sampled_hz} Hz"
     );
     let t = &plan.trajectory;
+    let all = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
+    // of every row: those that are left out are part of the motion that is exported
+    all.check_speeds()?;
     if asked_hz.is_none() {
-        let all = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
         return Ok(all.thinned(&plan.arm, between, LEFT_OUT_MM, 1.0 / rate_hz)?);
     }
     let stride = (sampled_hz / rate_hz).round().max(1.0) as usize;

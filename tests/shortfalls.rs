@@ -35,7 +35,7 @@ fn turns_on_which_the_shank_is_not_free_are_a_shortfall_in_every_mode() {
     let thin = "[[25.0, 0.7], [60.0, 6.0]]";
     for (mode, limit, shank, are_free) in [
         ("greedy", 45, thin, false),
-        ("greedy", 20, thin, true),
+        ("greedy", 12, thin, true),
         ("fixed", 45, "[[12.0, 1.2], [60.0, 4.0]]", false),
         ("fixed", 45, thin, true),
     ] {

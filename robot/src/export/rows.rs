@@ -239,7 +239,7 @@ impl<'a> ExportRows<'a> {
             let ((t0, from, _), (t1, to, _)) = (self.row(n - 1), self.row(n));
             for (joint, (a, b)) in self.joints.iter().zip(from.iter().zip(to)) {
                 let speed = (b - a).abs() / (t1 - t0);
-                if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) {
+                if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + ROUNDED_SHARE) {
                     let unit = if joint.kind == JointKind::Prismatic { "mm/s" } else { "rad/s" };
                     let (what, expected) = ("joint speed in step", "at most the joint's limit");
                     return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
@@ -256,6 +256,8 @@ impl<'a> ExportRows<'a> {
     }
 }
 
+/// By what share of its limit a joint's speed may be above it: rows are rounded in a file.
+const ROUNDED_SHARE: f64 = 1e-3;
 /// How many lags back an arm that follows late is looked for on its path, and at every how manieth row.
 const LATE_LAGS: f64 = 6.0;
 const LATE_EVERY: usize = 5;
