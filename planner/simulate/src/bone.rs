@@ -1,15 +1,13 @@
 //! The uncut workpiece: densities and kinds on one cubic grid along the work frame's axes. It never changes.
 //!
 //! The [`Lattice`](super::Lattice) holds what is left of it. A voxel is solid when its class is bone, structure or material
-//! of the target; without classes, when its density is above 0. Only solid voxels stop the shank, except thin sheets beside the target.
-//!
-//! Where the images are known, forces have their bone, which ends between two voxels of the grid and can be thinner than one: the same bone as the plan's
-//! forces have. So have volumes and masses in cells that are finer than voxels; larger cells sum the voxels' centres.
+//! of the target; without classes, when its density is above 0. Only solid voxels count in volumes and masses, and only
+//! solid voxels stop the shank, except thin sheets beside the target.
 
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_toolpath::scene::{Class, FarObstacles, Matter};
+use bonemill_toolpath::scene::{Class, FarObstacles};
 use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
@@ -113,7 +111,6 @@ pub struct Bone<'a, T> {
     density_g_cm3: &'a Volume<T, Work>,
     class: Option<&'a Volume<Class, Work>>,
     far: Option<&'a FarObstacles>,
-    matter: Option<&'a Matter>,
     origin_mm: Vector3<f64>,
     per_mm: f64,
 }
@@ -131,7 +128,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             return Err(EngineError::Grid { spacing_mm: spacing.into() });
         }
         let (origin_mm, per_mm) = (grid.origin().coords, 1.0 / spacing.x);
-        Ok(Self { density_g_cm3, class: None, far: None, matter: None, origin_mm, per_mm })
+        Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
     }
 
     /// The same bone with the class of every voxel.
@@ -151,12 +148,6 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     #[must_use]
     pub fn with_far(self, far: &'a FarObstacles) -> Self {
         Self { far: Some(far), ..self }
-    }
-
-    /// The same bone as finely as the images have it.
-    #[must_use]
-    pub fn with_matter(self, matter: &'a Matter) -> Self {
-        Self { matter: Some(matter), ..self }
     }
 
     /// The grid of densities and classes.
@@ -184,7 +175,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Point::from_coords(self.origin_mm + index / self.per_mm)
     }
 
-    /// Trilinear density of the voxels at a continuous index, g/cm³; 0 outside the array.
+    /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
         let index = (*index).into();
@@ -205,45 +196,6 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             voxel[a] = shifted as usize;
         }
         self.voxel(voxel)
-    }
-
-    /// What a burr's surface meets at a continuous index: density above 0, g/cm³, and kind; without images no kind beyond a body's face, where the
-    /// interpolated density is not yet 0.
-    #[inline]
-    pub(super) fn met_at(&self, index: &Vector3<f64>) -> Option<(f64, Option<VoxelKind>)> {
-        let (density, kind) = if self.matter.is_some() {
-            self.solid_at(index).map(|(density, kind)| (density, Some(kind)))?
-        } else {
-            (self.density_at(index), self.nearest(index).map(|(_, kind)| kind))
-        };
-        (density > 0.0).then_some((density, kind))
-    }
-
-    /// Density and kind at a continuous index, g/cm³; `None` where nothing is solid. Of the images, whose kind is that of the nearest solid voxel beside
-    /// the place; without them of the voxel there. A structure is solid even where it is softer than bone.
-    #[inline]
-    pub(super) fn solid_at(&self, index: &Vector3<f64>) -> Option<(f64, VoxelKind)> {
-        let voxel = self.nearest(index);
-        let Some(matter) = self.matter else { return voxel };
-        match matter.solid_g_cm3(self.at(*index)) {
-            Some(density) => {
-                let kind = voxel.map(|(_, kind)| kind).or_else(|| self.kind_beside(index));
-                Some((density, kind.unwrap_or(VoxelKind::Sheet)))
-            }
-            None => voxel.filter(|(_, kind)| *kind == VoxelKind::Structure),
-        }
-    }
-
-    /// The kind of the nearest solid one of the eight voxels around a continuous index; of two the more important.
-    fn kind_beside(&self, index: &Vector3<f64>) -> Option<VoxelKind> {
-        let corner = |n: usize| Vector3::from_fn(|a, _| index[a].floor() + (n >> a & 1) as f64);
-        let near = (0..8).map(corner).filter_map(|at| Some(((at - index).norm(), self.nearest(&at)?.1)));
-        near.min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1))).map(|(_, kind)| kind)
-    }
-
-    /// Whether the images have anything solid at one of these continuous indices; false without images.
-    pub(super) fn has_matter_at(&self, mut places: impl Iterator<Item = Vector3<f64>>) -> bool {
-        self.matter.is_some_and(|matter| places.any(|index| matter.solid_g_cm3(self.at(index)).is_some()))
     }
 
     /// Density and kind of a voxel of the grid; `None` where it is not solid.

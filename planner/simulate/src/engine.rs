@@ -447,14 +447,17 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
         if part <= 0.0 {
             return None;
         }
-        let (density, kind) = bone.met_at(&index)?;
+        let density = bone.density_at(&index);
+        if density <= 0.0 {
+            return None;
+        }
         for piece in self.near {
             part = piece.part_outside(normal, self.radius_mm, self.half_mm).min(part);
             if part <= 0.0 {
                 return None;
             }
         }
-        Some((density, kind, part))
+        Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
     }
 }
 

@@ -8,7 +8,7 @@
 //! s/(12 r) of a cell s in the mean, which is corrected; the remaining error is below s/(20 r).
 //!
 //! The surface's curvature depends on the burr's radius, not on the voxels, so the cell size follows the radius. A cell is a
-//! whole number of voxels or a whole part of one, so that without images volumes and masses are exactly those of the voxels. The remaining
+//! whole number of voxels or a whole part of one, so that volumes and masses are exactly those of the voxels. The remaining
 //! share of a cell is f = clamp(½ + D/s + s/(24 r), 0, 1): exact for a flat face along the cells, and without bias for a tube
 //! (the hole of a single ball is (s/r)²/8 too large).
 //!

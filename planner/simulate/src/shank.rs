@@ -197,11 +197,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         }
     }
 
-    /// The kind of the voxel that holds a cell, or the most important one that a cell holds.
     fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<VoxelKind> {
-        if self.block == 1 {
-            return self.kind_of_voxel(cell);
-        }
         let [x, y, z] = cell.map(|c| c % SIDE);
         let known = stored.and_then(|brick| brick.held[x + SIDE * (y + SIDE * z)]);
         known.unwrap_or_else(|| self.held(cell)).kind

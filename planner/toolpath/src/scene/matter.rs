@@ -52,20 +52,16 @@ impl Matter {
     /// and from the label voxel that holds it.
     #[inline]
     pub fn density_g_cm3(&self, p: Point<Work>) -> f64 {
-        self.solid_g_cm3(p).unwrap_or(0.0)
-    }
-
-    /// The same; `None` where nothing resists. A density table may give tissue that resists no density.
-    #[inline]
-    pub fn solid_g_cm3(&self, p: Point<Work>) -> Option<f64> {
         let p_ct = self.ct_from_work * p;
-        let (corners, at) = self.ct.cell_inside(self.ct.grid().continuous_index(p_ct))?;
+        let Some((corners, at)) = self.ct.cell_inside(self.ct.grid().continuous_index(p_ct)) else {
+            return 0.0;
+        };
         let hu = trilinear(&corners, at);
         // bone has mass wherever it is
         if hu < self.bone_hu && !(hu > self.air_hu && self.inside.holds(p, p_ct, hu, self.label(p_ct))) {
-            return None;
+            return 0.0;
         }
-        Some(trilinear(&corners.map(|hu| self.table.density_g_cm3(hu)), at))
+        trilinear(&corners.map(|hu| self.table.density_g_cm3(hu)), at)
     }
 
     fn label(&self, p: Point<Ct>) -> u16 {
