@@ -217,7 +217,7 @@ fn masses_add_up_to_what_the_balls_cover() {
     let path = path(&space);
     let masses = mass_increments(&scene.density_g_cm3, &path.points, BALL);
     let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
-    // every voxel is sampled at 5³ points, each inside a ball or not
+    // every voxel is sampled at 12³ points, each inside a ball or not
     let grid = scene.class.grid();
     let centers: Vec<Vector3<f64>> = path.points.iter().map(|p| p.position.coords).collect();
     let mut counted = 0.0;
@@ -225,12 +225,13 @@ fn masses_add_up_to_what_the_balls_cover() {
         let p = grid.center(grid.voxel(n)).coords;
         let near: Vec<_> =
             centers.iter().filter(|c| (*c - p).norm() <= RADIUS_MM + 0.87 * SPACING_MM).collect();
-        let part = |m: usize| [m % 5, m / 5 % 5, m / 25].map(|i| ((i as f64 + 0.5) / 5.0 - 0.5) * SPACING_MM);
-        let covered = (0..125).filter(|m| {
+        let part =
+            |m: usize| [m % 12, m / 12 % 12, m / 144].map(|i| ((i as f64 + 0.5) / 12.0 - 0.5) * SPACING_MM);
+        let covered = (0..1728).filter(|m| {
             let q = p + Vector3::from(part(*m));
             near.iter().any(|c| (*c - q).norm() <= RADIUS_MM)
         });
-        counted += f64::from(*density) * grid.voxel_mm3() * covered.count() as f64 / 125.0;
+        counted += f64::from(*density) * grid.voxel_mm3() * covered.count() as f64 / 1728.0;
     }
     // the increments use the largest part of a voxel in any ball, not in the union of balls, so the sum is never larger, and almost equal
     eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
