@@ -38,12 +38,9 @@ fn with_sheet() -> Place {
 }
 
 fn planned(place: &Place) -> (StoredPlan, toml::Table) {
-    let ran = place.plan();
-    assert_eq!(ran.code, 0, "{}", ran.err);
-    let ran = place.run(&["verify", "plan"]);
-    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let plan = place.verified();
     let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
-    (StoredPlan::load(&place.path("plan")).unwrap(), record)
+    (plan, record)
 }
 
 fn metric(record: &toml::Table, key: &str) -> f64 {

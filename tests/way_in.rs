@@ -9,15 +9,11 @@ use crate::support::place::Place;
 
 const GIVEN: &str = "[approach]\ndirection = [0.0, 0.0, 1.0]\n";
 
-/// Plans the case, which must pass `verify`; returns the plan and the removed share of the target.
+/// A plan that passes `verify`, and the removed share of the target.
 fn planned(place: &Place) -> (StoredPlan, f64) {
-    let ran = place.plan();
-    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    let ran = place.run(&["verify", "plan"]);
-    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
-    let share = record["metrics"]["removed_share"].as_float().unwrap();
-    (StoredPlan::load(&place.path("plan")).unwrap(), share)
+    let plan = place.verified();
+    let share = plan.record.metrics.number("removed_share").unwrap();
+    (plan, share)
 }
 
 #[test]

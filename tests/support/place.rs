@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Arc, Mutex, OnceLock};
 
+use bonemill_planner::plan::StoredPlan;
+
 use super::body;
 use super::image::{Image, Stored};
 
@@ -123,6 +125,15 @@ impl Place {
             fs::write(self.path("plan").join(name), bytes.as_ref().unwrap()).unwrap();
         }
         ran.clone()
+    }
+
+    /// Plans the case and verifies the plan, both of which must pass.
+    #[track_caller]
+    pub fn verified(&self) -> StoredPlan {
+        for ran in [self.plan(), self.run(&["verify", "plan"])] {
+            assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+        }
+        StoredPlan::load(&self.path("plan")).unwrap()
     }
 
     /// Checks that planning is refused as bad input with these words, and that the folder does not change.

@@ -189,13 +189,6 @@ impl RandomCase {
         }
     }
 
-    /// Whether the twin is another task: two parts of a structure count where each is pushed, as the plan tells, and the paper's cost and its presets
-    /// add up over structures.
-    fn is_other_task(self, twin: Option<&Figures>) -> bool {
-        let by_sums = || BY_SUMS.iter().any(|key| self.keys.is_chosen(*key));
-        self.twin == Twin::Parts && (twin.is_some_and(|twin| twin.farther_counts) || by_sums())
-    }
-
     /// Where programs disagree; empty where they agree.
     fn disagreements(self) -> Vec<String> {
         let (end, figures) = judged(&self.scene());
@@ -203,18 +196,20 @@ impl RandomCase {
             return vec![end.to_string()];
         }
         let (twin_end, twin) = judged(&self.twin());
-        let is_other = self.is_other_task(twin.as_ref());
+        let is_split = self.twin == Twin::Parts;
+        // the paper's cost and its presets add up over structures, and two parts count twice
+        let by_sums = BY_SUMS.iter().any(|key| self.keys.is_chosen(*key));
         match (figures, twin) {
             // a symmetric body has several ways in that are equally good, and the plan tells which was chosen
             (Some(figures), Some(twin)) if figures.approach.angle(&twin.approach) > ROUNDING_RAD => {
                 Vec::new()
             }
-            // other lines may leave a little more or less
-            (Some(figures), Some(twin)) if is_other && twin.farther_counts && ended_well(&twin_end) => {
+            // two parts count where each is pushed, as the plan tells; other lines may leave a little more or less
+            (Some(figures), Some(twin)) if is_split && twin.farther_counts && ended_well(&twin_end) => {
                 figures.differ(&twin, true)
             }
             _ if twin_end.word() != end.word() => vec![format!("{end}; its twin {twin_end}")],
-            (Some(figures), Some(twin)) => figures.differ(&twin, is_other),
+            (Some(figures), Some(twin)) => figures.differ(&twin, is_split && by_sums),
             _ => Vec::new(),
         }
     }

@@ -66,7 +66,7 @@ pub fn write_trajectory_csv(
 }
 
 /// Decimals for 1e-7 mm or 1e-9 rad: 0.1 nm, which is also 1e-9 rad at a lever of 100 mm.
-fn decimals(kind: JointKind) -> u32 {
+pub(super) fn decimals(kind: JointKind) -> u32 {
     match kind {
         JointKind::Prismatic => 7,
         JointKind::Revolute => 9,

@@ -7,6 +7,8 @@ use rayon::prelude::*;
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::{Arm, Joint, JointKind};
 
+use super::csv::decimals;
+
 /// How a controller interpolates between rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Between {
@@ -239,7 +241,9 @@ impl<'a> ExportRows<'a> {
             let ((t0, from, _), (t1, to, _)) = (self.row(n - 1), self.row(n));
             for (joint, (a, b)) in self.joints.iter().zip(from.iter().zip(to)) {
                 let speed = (b - a).abs() / (t1 - t0);
-                if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + ROUNDED_SHARE) {
+                // a file rounds either end
+                let rounding = 10f64.powi(-(decimals(joint.kind) as i32)) / (t1 - t0);
+                if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) + rounding {
                     let unit = if joint.kind == JointKind::Prismatic { "mm/s" } else { "rad/s" };
                     let (what, expected) = ("joint speed in step", "at most the joint's limit");
                     return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
@@ -256,8 +260,6 @@ impl<'a> ExportRows<'a> {
     }
 }
 
-/// By what share of its limit a joint's speed may be above it: rows are rounded in a file.
-const ROUNDED_SHARE: f64 = 1e-3;
 /// How many lags back an arm that follows late is looked for on its path, and at every how manieth row.
 const LATE_LAGS: f64 = 6.0;
 const LATE_EVERY: usize = 5;

@@ -323,10 +323,13 @@ impl WayIn {
     /// The direction along which burr and shank reach most by lines along which the arm holds the tool; `None` where they reach nothing along any.
     pub fn best(&self, arm: Option<ArmHolds<'_>>) -> Option<ChosenWay> {
         let is_held = |line: &Vector3<f64>| arm.is_none_or(|arm| (arm.0)(&self.outermost, line));
-        let held: Vec<_> = self.directions.par_iter().copied().filter(is_held).collect();
+        let are_held: Vec<bool> = self.directions.par_iter().map(is_held).collect();
+        let along = || self.directions.iter().copied().zip(are_held.iter().copied());
+        let held: Vec<_> = along().filter(|(_, is_held)| *is_held).map(|(line, _)| line).collect();
         let lines = self.lines(&held);
-        let ranked_along = |d: &Vector3<f64>| self.ranked(*d, is_held(d), (&held, &lines));
-        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(ranked_along).collect();
+        let ranked_if = |(d, is_held)| self.ranked(d, is_held, (&held, &lines));
+        let ranked_along = |d: &Vector3<f64>| ranked_if((*d, is_held(d)));
+        let ranked: Vec<(f64, Way)> = along().collect::<Vec<_>>().into_par_iter().map(ranked_if).collect();
         let mut order: Vec<usize> = (0..ranked.len()).collect();
         order.sort_by(|a, b| ranked[*b].0.total_cmp(&ranked[*a].0));
         let mut ways: Vec<(f64, Way)> = Vec::new();
