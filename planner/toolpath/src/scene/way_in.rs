@@ -10,8 +10,6 @@
 //! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach. Where the arm's place is known, only
 //! lines count along which it holds the tool at the outermost places, if any of them is free; an arm that tilts about one axis has directions across it only.
 //!
-//! An axis of the scan near the best direction is taken where it ranks as high.
-//!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
 use std::f64::consts::PI;
@@ -77,8 +75,6 @@ pub(super) struct WayIn {
     tilt_limit_rad: f64,
     tilts: Tilts,
     directions: Vec<Vector3<f64>>,
-    /// Of the CT's voxels, as columns.
-    scan_axes: Matrix3<f64>,
     /// Those places that lie farthest along the target's inertia axes and against them.
     outermost: Vec<Point<Ct>>,
 }
@@ -211,7 +207,6 @@ impl WayIn {
         let outermost = (0..6).filter_map(farthest).collect();
         Ok(Some(Self {
             outermost,
-            scan_axes: *spec.ct.grid().axes(),
             holds,
             solid_mm,
             solid_face_mm,
@@ -360,24 +355,11 @@ impl WayIn {
                 break;
             }
         }
-        // the planning grid along an axis of the scan has the scan's own voxels, and faces of the target as they are drawn
-        let along_scan = (0..6).map(|n| self.scan_axes.column(n / 2) * [1.0, -1.0][n % 2]);
-        let along_scan =
-            along_scan.filter(|axis| self.can_be(axis) && angle(axis, &best.direction) <= CONE_RAD);
-        let along_scan = along_scan.map(|axis| ranked_along(&axis)).filter(|found| found.0 >= AS_HIGH * rank);
-        if let Some((_, way)) = along_scan.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            best = way;
-        }
         Some(ChosenWay {
             best,
             others: ways[1..].iter().map(|(_, way)| *way).collect(),
             by_arm: arm.is_some(),
         })
-    }
-
-    /// Whether the arm can have its shaft along a direction.
-    fn can_be(&self, direction: &Vector3<f64>) -> bool {
-        !matches!(self.tilts, Tilts::About { hinge, .. } if hinge.dot(direction).abs() > ROUNDED_TO)
     }
 
     /// Directions within the tilt limit of one, on rings of its own basis, whose tilts in the plane are among them.
