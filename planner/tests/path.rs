@@ -215,7 +215,7 @@ fn masses_add_up_to_what_the_balls_cover() {
     let scene = scene();
     let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let masses = mass_increments(&scene.density_g_cm3, &path.points, BALL);
+    let masses = mass_increments(&scene.density_g_cm3, &path.points, BALL).at_end;
     let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
     // every voxel is sampled at 12³ points, each inside a ball or not
     let grid = scene.class.grid();
@@ -243,7 +243,7 @@ fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     let scene = scene();
     let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let parts = mass_increments(&scene.density_g_cm3, &path.points, BALL);
+    let parts = mass_increments(&scene.density_g_cm3, &path.points, BALL).at_end;
     let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, BALL);
     let sum = |masses: &[Moments]| masses.iter().map(Moments::mass_mg).sum::<f64>();
     assert!((sum(&whole) / sum(&parts) - 1.0).abs() < 0.05, "{} mg, {} mg", sum(&whole), sum(&parts));

@@ -11,7 +11,7 @@ use bonemill_planner::burr::{
 };
 use bonemill_planner::cost::{CostModel, Proximity, Ranked, SeveralStructures};
 use bonemill_planner::cutter::Ball;
-use bonemill_planner::engagement::mass_increments;
+use bonemill_planner::engagement::{Increments, mass_increments};
 use bonemill_planner::metrics::engagement_metrics;
 use bonemill_planner::path::{MoveKind, PathPoint};
 use bonemill_planner::simulate::{Engagement, ForceModel, Lumped, LumpedForm};
@@ -325,11 +325,41 @@ fn removal_rates_agree() {
             leads_to: (0, 0),
         };
         let points: Vec<PathPoint> = (0..=steps).map(place).collect();
-        let moments = mass_increments(&solid, &points, Ball { radius_mm: number(&i["r"]) });
+        let moments = mass_increments(&solid, &points, Ball { radius_mm: number(&i["r"]) }).at_end;
         // of density 1 mg/mm³; the first ball was there before
         let swept_mm3: f64 = moments[1..].iter().map(|m| m.mass_mg()).sum();
         close("mrr", "swept_VR", &[swept_mm3], &expected["swept_VR"], 1e-9, 1.0);
     }
+}
+
+/// A long move over a ridge removes it on its way; the same way in steps removes it at their ends, but for the cusps between two.
+#[test]
+fn what_a_long_move_removes_before_its_end_is_told() {
+    let grid =
+        Grid::<Work>::new([40, 12, 10], Vector3::from_element(0.2), Matrix3::identity(), Vector3::zeros())
+            .unwrap();
+    let ridge = (0..grid.len()).map(|n| if (18..=22).contains(&(n % 40)) { 1f32 } else { 0.0 }).collect();
+    let ridge = Volume::new(grid, ridge).unwrap();
+    let (from, to) = (Point::new(1.0, 1.1, 1.4), Point::new(7.0, 1.1, 1.4));
+    let removed = |steps: usize| {
+        let place = |n: usize| PathPoint {
+            position: from + (to - from) * (n as f64 / steps as f64),
+            kind: MoveKind::Link,
+            layer: 0,
+            leads_to: (0, 0),
+        };
+        let points: Vec<PathPoint> = (0..=steps).map(place).collect();
+        let Increments { at_end, on_the_way_mg } = mass_increments(&ridge, &points, Ball { radius_mm: 1.0 });
+        (at_end.iter().map(|m| m.mass_mg()).sum::<f64>(), on_the_way_mg)
+    };
+    let (at_end_mg, on_the_way_mg) = removed(1);
+    // a ridge 1 mm wide, and of the disc of radius 1 mm about z = 1.4 what lies within z < 1.9
+    let disc_mm2 = std::f64::consts::PI - (0.5f64.acos() - 0.5 * 0.75f64.sqrt());
+    assert!(at_end_mg == 0.0 && on_the_way_mg[0] == 0.0);
+    assert!((on_the_way_mg[1] / disc_mm2 - 1.0).abs() < 0.02, "{} mg of {disc_mm2}", on_the_way_mg[1]);
+    let (at_end_mg, on_the_way_mg) = removed(40);
+    assert!((at_end_mg / disc_mm2 - 1.0).abs() < 0.02, "{at_end_mg} mg of {disc_mm2}");
+    assert!(on_the_way_mg.iter().sum::<f64>() < 0.01 * disc_mm2);
 }
 
 /// The material of the paper's preset scales with density as the weights of the sum do.

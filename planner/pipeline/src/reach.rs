@@ -14,7 +14,7 @@ use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
 use bonemill_setup::Unreached;
 use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
-use bonemill_toolpath::engagement::mass_increments;
+use bonemill_toolpath::engagement::{Increments, mass_increments};
 use bonemill_toolpath::orientation::refine::best_checked;
 use bonemill_toolpath::orientation::sequence::{self, Forbidden, Problem, best_sequence};
 use bonemill_toolpath::orientation::{Directions, FreeSets, TurnLimits};
@@ -138,9 +138,12 @@ pub fn reached<'a>(
             let looked_between = (round < MOST_ROUNDS).then_some(&access);
             let unturned = unturned_waypoints(looked_between, &path.points, &free, &length_mm, spec);
             if unturned.is_empty() {
-                let moments = mass_increments(&scene.density_g_cm3, &path.points, ball);
-                let is_long_cut =
-                    |i: usize| moments[i].mass_mg() > 0.0 && length_mm[i] > spec.longest_cut_mm();
+                let Increments { at_end: moments, on_the_way_mg } =
+                    mass_increments(&scene.density_g_cm3, &path.points, ball);
+                // less than a voxel of water is a skin between the grid's voxels
+                let skin_mg = space.grid().voxel_mm3();
+                let removes = |i: usize| moments[i].mass_mg() > 0.0 || on_the_way_mg[i] > skin_mg;
+                let is_long_cut = |i: usize| removes(i) && length_mm[i] > spec.longest_cut_mm();
                 let long: HashSet<usize> = (0..path.points.len()).filter(|i| is_long_cut(*i)).collect();
                 if long.is_empty() || round == MOST_ROUNDS {
                     return Ok(ReachedPath { path, access, free, limited, length_mm, moments, dropped });

@@ -109,7 +109,8 @@ impl ReferencePath {
         let near = nearest_structures::along(case, scene, &centers)?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
         let axes = vec![Vector3::z_axis(); points.len()];
-        let moments = mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm });
+        let moments =
+            mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm }).at_end;
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let motion = match start.placed().motion(&centers, &axes, &length_mm, None) {
             Ok(motion) => motion,

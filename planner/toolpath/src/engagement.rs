@@ -13,7 +13,7 @@
 mod masses;
 mod times;
 
-pub use self::masses::{mass_increments, mass_increments_by_voxels};
+pub use self::masses::{Increments, mass_increments, mass_increments_by_voxels};
 
 use std::ops::Range;
 

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::carve::{MoveSegment, NEVER, Removed, deepest};
 use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, OBSTACLE, SHEET, SLIVER};
-use super::moves::{Executed, MoveClass, Moves};
+use super::moves::{Executed, MoveClass, Moves, angle_rad};
 
 /// Largest volume that links may remove between the points of the planner's grid, as a share of the removed volume.
 const LINK_SHARE: f64 = 5e-4;
@@ -63,7 +63,8 @@ pub fn gouge(
 }
 
 /// The largest depth to which a link or retract reaches material that no earlier move reached, and the volume of all such
-/// material.
+/// material, except for what links beyond the tilt limit remove as their rows' masses say: what removes material is a cut, but a cut
+/// keeps the limit.
 fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
     let Removed { lattice, pieces, first } = *reached;
     let radius = plan.record.case.burr.radius_mm;
@@ -72,7 +73,14 @@ fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
     let taken = |n: usize| has_mass(n) && first[n] != NEVER && is_free(first[n]);
     let free: Vec<MoveSegment> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
     let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
-    let volume = lattice.volume_mm3(HAS_MASS, taken);
+    let limit_rad = plan.record.case.orientation.tilt_limit_rad;
+    let is_said = |number: u32| {
+        let mut axes = moves.ends(number as usize).into_iter().map(|n| &moves.axes[n]);
+        plan.waypoints[number as usize].mass_mg > 0.0
+            && axes.any(|axis| angle_rad(axis, &Vector3::z()) > limit_rad)
+    };
+    let said: Vec<bool> = (0..moves.len() as u32).map(|number| is_free(number) && is_said(number)).collect();
+    let volume = lattice.volume_mm3(HAS_MASS, |n| taken(n) && !said[first[n] as usize]);
     let removed = lattice.volume_mm3(HAS_MASS, |n| first[n] != NEVER);
     // a lattice point may be this far from a point of the planner's grid
     let spacing = plan.record.case.grid.spacing_mm;

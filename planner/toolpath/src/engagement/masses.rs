@@ -23,23 +23,34 @@ const LARGEST_VOXEL: f64 = 0.2;
 /// Volumes of a voxel of which less is left differ by rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// For each waypoint, the mass in its ball without the sweep of all earlier moves, and the mass' moments about the ball's
-/// centre (g/cm³ is mg/mm³).
+/// The mass that each move removes.
+#[derive(Debug, Clone)]
+pub struct Increments {
+    /// Mass in each waypoint's ball without the sweep of all earlier moves, and its moments about the ball's centre.
+    pub at_end: Vec<Moments>,
+    /// Mass that the move to each waypoint removes before it arrives, mg: little where moves are short. It belongs to no waypoint, and is
+    /// missing for later ones.
+    pub on_the_way_mg: Vec<f64>,
+}
+
+/// What each move removes (g/cm³ is mg/mm³).
 ///
-/// Mass that a long move removes before its end belongs to no waypoint; it is missing for later ones.
 /// The path is swept separately in each slab of the grid; the slabs' sums are added in their order.
 pub fn mass_increments(
     density_g_cm3: &Volume<f32, Work>,
     points: &[PathPoint],
     Ball { radius_mm }: Ball,
-) -> Vec<Moments> {
+) -> Increments {
     let coarse = density_g_cm3.grid();
     let parts = (coarse.spacing_mm().x / (LARGEST_VOXEL * radius_mm) - 1e-9).ceil().max(1.0) as usize;
     let grid = coarse.divided(parts);
     let [nx, ny, nz] = grid.dims();
     let thickness = nz.div_ceil(SLABS);
-    let mut total = vec![Moments::new(radius_mm); points.len()];
-    let slabs: Vec<Vec<(u32, Moments)>> = (0..nz.div_ceil(thickness))
+    let mut total = Increments {
+        at_end: vec![Moments::new(radius_mm); points.len()],
+        on_the_way_mg: vec![0.0; points.len()],
+    };
+    let slabs: Vec<Vec<Increment>> = (0..nz.div_ceil(thickness))
         .into_par_iter()
         .map(|slab| {
             let k = slab * thickness..((slab + 1) * thickness).min(nz);
@@ -48,10 +59,18 @@ pub fn mass_increments(
             slab_increments(&grid, k, &density, points, radius_mm)
         })
         .collect();
-    for (index, increment) in slabs.into_iter().flatten() {
-        total[index as usize].merge(&increment);
+    for Increment { waypoint, at_end, on_the_way_mg } in slabs.into_iter().flatten() {
+        total.at_end[waypoint as usize].merge(&at_end);
+        total.on_the_way_mg[waypoint as usize] += on_the_way_mg;
     }
     total
+}
+
+/// What one move removes in one slab.
+struct Increment {
+    waypoint: u32,
+    at_end: Moments,
+    on_the_way_mg: f64,
 }
 
 /// The same with whole voxels: each belongs to the move that first covers its centre. Used for drafts: it is ten times as
@@ -81,7 +100,7 @@ fn slab_increments(
     density: &[f32],
     points: &[PathPoint],
     radius_mm: f64,
-) -> Vec<(u32, Moments)> {
+) -> Vec<Increment> {
     let mut slab = Slab {
         grid,
         k,
@@ -94,20 +113,20 @@ fn slab_increments(
     };
     let mut out = Vec::new();
     let mut before: Option<Point<Work>> = None;
-    for (index, point) in points.iter().enumerate() {
+    for (waypoint, point) in points.iter().enumerate() {
         cancel::poll();
-        let mut increment = Moments::new(radius_mm);
-        slab.take(point.position, |p, mass_mg| increment.add(mass_mg, p));
-        if increment.mass_mg() > 0.0 {
-            out.push((index as u32, increment));
-        }
+        let (mut at_end, mut on_the_way_mg) = (Moments::new(radius_mm), 0.0);
+        slab.take(point.position, |p, mass_mg| at_end.add(mass_mg, p));
         if let Some(from) = before.replace(point.position) {
             // balls so close that the cusps between two are at most 1/288 of the radius high
             let way = point.position - from;
             let parts = (way.norm() / (radius_mm / 6.0)).ceil().max(1.0) as usize;
             for n in 1..parts {
-                slab.take(from + way * (n as f64 / parts as f64), |_, _| {});
+                slab.take(from + way * (n as f64 / parts as f64), |_, mass_mg| on_the_way_mg += mass_mg);
             }
+        }
+        if at_end.mass_mg() > 0.0 || on_the_way_mg > 0.0 {
+            out.push(Increment { waypoint: waypoint as u32, at_end, on_the_way_mg });
         }
     }
     out
