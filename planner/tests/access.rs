@@ -51,7 +51,7 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let access = |shank: &[ShankCylinder], eighths| Access::new(&scene, &solid, eighths, shank);
     let (thin, whole) = (access(&shank[..1], eighths.clone()), access(&shank, eighths));
     let (mut free, mut blocked, mut only_just) = (0, 0, 0);
-    for i in (0..path.points.len()).step_by(path.points.len() / 40) {
+    for i in (0..path.points.len()).step_by(path.points.len() / 80) {
         let center = path.points[i].position;
         for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
             let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
