@@ -74,6 +74,12 @@ const RULES: &[(&str, Rule, Snippet, Snippet)] = &[
         ("planner/verify/src/anatomy.rs", "use bonemill_imaging::read_ct;"),
     ),
     (
+        "the proof of a program shares nothing with what it judges",
+        own_proof,
+        ("prosthesis/src/proof/hold.rs", "use bonemill_geometry::Block;\nuse crate::proof::dexels::Columns;"),
+        ("prosthesis/src/proof/hold.rs", "use crate::machining::Move;"),
+    ),
+    (
         "only readers and writers touch files",
         file_access,
         ("imaging/src/formats/mod.rs", "let bytes = std::fs::read(path)?;"),
@@ -299,6 +305,20 @@ fn own_reader(source: &Source) -> Vec<String> {
     let words = ["read_ct", "read_labels"];
     source
         .complain(|line| words.iter().find(|w| line.contains(**w)).map(|w| format!("`{w}` is the planner's")))
+}
+
+/// The proof of a prosthesis' program knows geometry and itself.
+fn own_proof(source: &Source) -> Vec<String> {
+    if !source.path.starts_with("prosthesis/src/proof/") || source.is_test() {
+        return vec![];
+    }
+    let others = |line: &str, of: &str, own: &str| line.matches(of).count() > line.matches(own).count();
+    source.complain(|line| {
+        let knows_more = others(line, "crate::", "crate::proof")
+            || others(line, "bonemill_", "bonemill_geometry")
+            || line.contains("super::super");
+        knows_more.then(|| "the proof knows more than geometry".into())
+    })
 }
 
 fn rerun(source: &Source) -> Vec<String> {

@@ -15,7 +15,7 @@ use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::part::{LengthUnit, MeshFormat, RepairLimits, Solid, parse_facets, stl_bytes};
 use bonemill_planner::plan::{PlanRecord, Trajectory, read_forces, read_waypoints};
-use bonemill_planner::proof::gcode::read as read_program;
+use bonemill_prosthesis::proof::gcode::read as read_program;
 use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
 use bonemill_robot::Arm;
 use bonemill_robot::ur::Calibration;

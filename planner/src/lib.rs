@@ -22,6 +22,5 @@ pub use bonemill_setup::{PlanError, Setup, mesh_tool};
 pub use bonemill_simulate as simulate;
 pub use bonemill_toolpath::scene;
 pub use bonemill_toolpath::{access, engagement, orientation, path, space};
-pub use bonemill_verify::proof;
 pub use bonemill_verify::{self as verify, uncertainty};
 pub use pages::{compare, report, run, save, show, stream_input};

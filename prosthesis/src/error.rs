@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use crate::catalogue::CatalogueError;
 use crate::machining::MachiningError;
+use crate::proof::ProofError;
 use bonemill_case::CaseError;
 use bonemill_imaging::part::PartError;
 use bonemill_planfile::PlanFileError;
-use bonemill_verify::proof::ProofError;
 use thiserror::Error;
 
 /// Planning or judging a prosthesis failed.

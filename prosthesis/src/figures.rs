@@ -6,12 +6,12 @@
 use crate::machining::leftover::{Leftover, Reason};
 use crate::machining::strip::{LEAST_FACTOR, cutting_force_n};
 use crate::machining::{Block, EndMill, Machining, MachiningJob, Warning};
+use crate::orient::{Laid, OrientationRun};
+use crate::proof::deviation::FARTHEST_MM;
+use crate::proof::{Proof, ProofJob};
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_imaging::part::Solid;
-use bonemill_imaging::part::orient::{Laid, OrientationRun};
 use bonemill_planfile::Value;
-use bonemill_verify::proof::deviation::FARTHEST_MM;
-use bonemill_verify::proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
 use crate::plan::most_uncut_mm;

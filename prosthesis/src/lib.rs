@@ -8,18 +8,21 @@
 //! planned is the one in part.stl, bit for bit; a block that was taken from a catalogue goes back unless the plan was kept; nothing
 //! in the files depends on when, where or on how many threads they were made.
 //!
-//! Not here: how a part is read and laid ([`bonemill_imaging::part`]), milled ([`machining`]) or proved ([`bonemill_verify::proof`]).
+//! [`orient`] lays the part into a block's frame, [`machining`] plans how it is milled, [`program`] writes that down, and [`proof`] judges the program; it
+//! knows geometry and itself only, which `tests/tidy.rs` checks. Not here: how a part is read and repaired ([`bonemill_imaging::part`]).
 
 mod block;
 pub mod catalogue;
 mod error;
 mod figures;
 pub mod machining;
+pub mod orient;
 pub mod phantom;
 mod picture;
 mod placing;
 mod plan;
 pub mod program;
+pub mod proof;
 mod record;
 mod report;
 mod robot;

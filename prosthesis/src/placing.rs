@@ -1,8 +1,8 @@
 //! How the part was laid, beside how it could have been: as given, by the published procedure, by the least residual area.
 
+use crate::orient::{Laid, OrientationRun, SeenSurface, least_residual, published};
 use bonemill_case::prosthesis::OrientMode;
 use bonemill_geometry::{Mesh, Part};
-use bonemill_imaging::part::orient::{Laid, OrientationRun, SeenSurface, least_residual, published};
 
 /// The part's orientations.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use crate::catalogue::Mounted;
 use crate::machining::{Block, Machining, MachiningError, MachiningJob, TipMove};
+use crate::orient::Laid;
+use crate::proof::{Proof, ProofJob};
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
-use bonemill_imaging::part::orient::Laid;
 use bonemill_imaging::part::{RepairLimits, Solid, read_facets, rounded};
 use bonemill_planfile::{Sha256, Value};
-use bonemill_verify::proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
 use crate::{Placing, ProsthesisError, RobotMotion, figures, record, robot, settings, toolpath_csv};
@@ -167,7 +167,7 @@ impl Mill<'_> {
         let program = self.program(&machining.moves, &[]);
         progress.stage("prove program");
         let proof_job = settings::proof(job, &machining_job.block, &machining.tab_boxes);
-        let proof = bonemill_verify::proof::prove(&program, &part, &proof_job)?;
+        let proof = crate::proof::prove(&program, &part, &proof_job)?;
         Ok(Milled { block_from_part: laid.block_from_part, part, machining, program, proof_job, proof })
     }
 

@@ -5,9 +5,9 @@ pub(crate) mod pictures;
 use std::fmt::Write;
 
 use crate::machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength, TENSILE_N_MM2};
+use crate::orient::Laid;
 use bonemill_case::explained_job;
 use bonemill_case::prosthesis::MachineKind;
-use bonemill_imaging::part::orient::Laid;
 use bonemill_planfile::page::{escape, opening, parameters, verdict};
 use bonemill_planfile::{ReportPart, Value};
 

@@ -2,8 +2,8 @@
 
 use crate::catalogue::StockBlock;
 use crate::machining::{Block, EndMill, HolderSegment, MachiningJob};
+use crate::proof::ProofJob;
 use bonemill_case::prosthesis::{BlockSpec, ProsthesisJob};
-use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 
 /// Distance of the points on the part at which the program is judged, mm.

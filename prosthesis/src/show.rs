@@ -54,7 +54,7 @@ impl ShownProsthesis {
             .map_err(|problem| ProsthesisError::Folder { path, problem })?;
         progress.stage("prove program");
         let job = settings::proof(&record.job, &record.block, &record.tab_boxes_mm);
-        let proof = bonemill_verify::proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
+        let proof = crate::proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
         // the proof's last samples are the mesh's vertices
         let first = proof.samples.len().saturating_sub(part.vertices.len());
         let colours = proof.samples[first..].iter().map(|sample| scale(sample.deviation_mm)).collect();

@@ -1,6 +1,6 @@
 //! A second opinion on the folder of a prosthesis: by the program that stands in it, not by the moves that were planned.
 //!
-//! The program is read back and cut out of the block by [`bonemill_verify::proof`], which shares nothing with what planned and wrote it; the part is
+//! The program is read back and cut out of the block by [`crate::proof`], which shares nothing with what planned and wrote it; the part is
 //! read again from its own file and laid as `job.toml` says. Everything that `job.toml` tells is told again of these files and compared; `program.nc` is written
 //! again from `toolpath.csv` and compared line by line, so that no word of either can be another.
 
@@ -8,14 +8,14 @@ use std::fmt::Write;
 use std::path::Path;
 
 use crate::machining::{Block as Stock, Facing, MachiningError, TipMove};
+use crate::orient::{Laid, SeenSurface, published};
+use crate::proof::gcode::{self, Program};
+use crate::proof::{Proof, ProofJob};
 use bonemill_case::prosthesis::{MachineKind, OrientMode};
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_imaging::part::orient::{Laid, SeenSurface, published};
 use bonemill_imaging::part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256, Value};
-use bonemill_verify::proof::gcode::{self, Program};
-use bonemill_verify::proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
 use crate::figures::{self, Milled, Told};
@@ -109,7 +109,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     };
     checks.push(inside_block(&record.block, &part));
     progress.stage("prove program");
-    let proof = bonemill_verify::proof::prove(&program, &part, &job)?;
+    let proof = crate::proof::prove(&program, &part, &job)?;
     let read = gcode::read(&program)?;
     progress.stage("compare toolpath");
     let rows = toolpath_csv::read(&toolpath);

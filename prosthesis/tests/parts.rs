@@ -13,12 +13,12 @@ use bonemill_prosthesis::machining::{
     EndMill, Facing, Kind, Machining, MachiningError, MachiningJob, Side, TipMove, plan,
 };
 use bonemill_prosthesis::program::{OUTLINE, write};
-use bonemill_verify::proof::{Proof, prove};
+use bonemill_prosthesis::proof::{Proof, ProofJob, gcode, prove};
 use common::{Shell, flat, job, proof_job};
 use nalgebra::Vector3;
 
 /// Plans, writes, reads back and judges.
-fn proven(part: &Mesh<Block>, job: &MachiningJob) -> (Machining, Proof, bonemill_verify::proof::ProofJob) {
+fn proven(part: &Mesh<Block>, job: &MachiningJob) -> (Machining, Proof, ProofJob) {
     let planned = plan(part, job).unwrap();
     let text = write(&planned.moves, job, "a test", &[]);
     let proof_job = proof_job(job, planned.tab_boxes.clone());
@@ -235,8 +235,8 @@ fn a_program_that_falls_short_stops_at_its_first_line_in_every_dialect() {
         // the safety line and Z come before anything else moves
         let words: Vec<&str> = good.lines().filter(|line| line.starts_with(['G', 'M', 'T', 'S'])).collect();
         assert_eq!(words[..4], ["G17 G21 G40 G49 G80 G90 G94 G54", "G53 G0 Z0.000", "T1 M6", "G0 A0.000"]);
-        let read = bonemill_verify::proof::gcode::read(&good).unwrap();
-        assert_eq!(read.motions, bonemill_verify::proof::gcode::read(&short).unwrap().motions);
+        let read = gcode::read(&good).unwrap();
+        assert_eq!(read.motions, gcode::read(&short).unwrap().motions);
     }
 }
 
@@ -487,8 +487,7 @@ fn a_program_reads_back_as_the_moves() {
         Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
     let part = shell.mesh();
     let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
-    let program =
-        bonemill_verify::proof::gcode::read(&write(&moves, &quick(&part, flat()), "a test", &[])).unwrap();
+    let program = gcode::read(&write(&moves, &quick(&part, flat()), "a test", &[])).unwrap();
     let ends: Vec<Vector3<f64>> = program.motions.iter().filter(|m| !m.turns).map(|m| m.to_mm).collect();
     let places =
         moves.iter().map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm));

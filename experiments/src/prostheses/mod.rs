@@ -7,12 +7,12 @@ use std::time::Instant;
 
 use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::{BlockSource, ProsthesisJob};
-use bonemill_planner::part::orient::Laid;
 use bonemill_planner::part::phantom::Operculum;
-use bonemill_planner::proof::{Proof, prove};
 use bonemill_prosthesis::catalogue::{Catalogue, CatalogueError};
 use bonemill_prosthesis::machining::{self, Machining, ZigZag};
+use bonemill_prosthesis::orient::Laid;
 use bonemill_prosthesis::program::write;
+use bonemill_prosthesis::proof::{Proof, prove};
 use bonemill_prosthesis::{Placing, ProsthesisError, ProsthesisPlan, Trial, most_uncut_mm, phantom, plan};
 
 use crate::{ExperimentError, Size, Table};

@@ -1,8 +1,8 @@
-//! A part to be machined, from its file to its place in a block.
+//! A part to be machined, from its file to a solid.
 //!
 //! A file (STL, OBJ or PLY) gives facets ([`read_facets`]); [`Solid::from_facets`] checks that they bound one solid, repairs what
-//! can be repaired without doubt, lists every change, and refuses the rest with its place. [`orient`] lays the solid into a block's frame;
-//! [`phantom`] draws parts to test with.
+//! can be repaired without doubt, lists every change, and refuses the rest with its place. [`phantom`] draws parts to
+//! test with.
 //!
 //! Invariant: a [`Solid`] is closed, manifold, oriented outwards, in one piece, and no two of its facets cross deeper than
 //! [`CROSSING_TOLERANCE_MM`]. Lengths are mm. Not here: stock, toolpaths.
@@ -26,7 +26,6 @@ mod edges;
 mod error;
 mod facets;
 mod holes;
-pub mod orient;
 pub mod phantom;
 mod pieces;
 mod pinches;

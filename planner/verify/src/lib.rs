@@ -40,7 +40,6 @@ mod links;
 mod milled;
 mod motion;
 mod moves;
-pub mod proof;
 mod provenance;
 mod reach;
 mod registration;

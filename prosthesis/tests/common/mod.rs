@@ -3,7 +3,7 @@
 use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
 use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_prosthesis::machining::{Block as Stock, EndMill, HolderSegment, MachiningJob};
-use bonemill_verify::proof::ProofJob;
+use bonemill_prosthesis::proof::ProofJob;
 use nalgebra::Vector3;
 
 /// A shell between two spheres of one axis: outer and inner radius, outline radii outside and inside, thickness, all mm.

@@ -12,8 +12,6 @@
 //! Machine: X along the rotary axis A, Z along the spindle, zero on the rotary axis. At A = 0 a point (x, y, z) of the block's frame is at (x, −z, y),
 //! at A = 180° at (x, z, −y). Not here: other angles, arcs, cutter compensation; they are refused with their line.
 
-#![warn(missing_docs)]
-
 pub mod chip;
 mod cutter;
 pub mod deviation;

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::outline::Outline;
 use super::refined::least_angle;
 use super::*;
-use crate::part::phantom::Operculum;
+use bonemill_imaging::part::phantom::Operculum;
 
 /// A box with its sides along the axes, from the origin.
 fn cuboid(size: [f64; 3]) -> Mesh<Part> {
