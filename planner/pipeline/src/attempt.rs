@@ -184,10 +184,10 @@ impl<'a> Start<'a> {
         ReferencePath::new(self, raster)?.map(|path| path.least_force(self, total_s, most)).transpose()
     }
 
-    /// The largest force of the controls in the plan's time, N: no cut pushes more even in a plan that cannot be driven in the time.
+    /// The largest force of the better control in the plan's time, N: no cut pushes more even in a plan that cannot be driven in the time.
     fn most_overall(&self, controls: &[Reference]) -> Option<f64> {
         let peaks = controls.iter().map(|control| control.forces.peak_n);
-        peaks.filter(|_| self.case.cost.force == ForceTerm::Cutting).max_by(f64::total_cmp)
+        peaks.filter(|_| self.case.cost.force == ForceTerm::Cutting).min_by(f64::total_cmp)
     }
 
     fn controls_in(&self, references: &References, total_s: f64) -> Result<Vec<Reference>, PlanError> {

@@ -352,8 +352,11 @@ impl<'a> Cuts<'a> {
         let pushes = self.input.pushes.iter().flatten();
         let mut top = Levels::above_all(pushes, [self.spec.min_mm_s, self.spec.max_mm_s]);
         top.overall = aim.most_overall.map_or(top.overall, |most| top.overall.min(most));
+        // a way along which both levels fall in one ratio may begin above the top
+        let within = |levels: &Levels| Levels { overall: levels.overall.min(top.overall), ..*levels };
         let caps = |levels: &Levels| -> Result<Vec<f64>, PlanError> {
-            Ok(self.moves.profile(|i| self.cap_under(levels, i))?.move_mm_s)
+            let levels = within(levels);
+            Ok(self.moves.profile(|i| self.cap_under(&levels, i))?.move_mm_s)
         };
         let time_s = |levels: &Levels| duration_s(&caps(levels)?);
         let levels = match aim.reference {
@@ -363,7 +366,7 @@ impl<'a> Cuts<'a> {
             }
             None => least_levels(top, self.spec.min_mm_s, self.spec.force_room, limit, time_s)?,
         };
-        Ok(SpeedCaps { mm_s: caps(&levels)?, levels: Some(levels) })
+        Ok(SpeedCaps { mm_s: caps(&levels)?, levels: Some(within(&levels)) })
     }
 
     /// Time of the cuts at their caps, s.
@@ -476,3 +479,6 @@ impl<'a> Cuts<'a> {
         (0..caps_mm_s.len()).map(lower).collect()
     }
 }
+
+#[cfg(test)]
+mod tests;
