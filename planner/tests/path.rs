@@ -324,10 +324,10 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     assert!(compared > 100 && off < 2e-3 * most, "{compared} forces, {off} N of {most} N");
 }
 
-/// At every vertex of a corner that the arm rounds the burr has turned a part of the way, from the direction before the corner to that behind it.
+/// Along a corner that the arm rounds the burr turns all the way from the direction before the corner to that behind it, however few vertices the corner
+/// has: a chord's direction would be up to a quarter of the turn beside it.
 #[test]
-fn the_burr_turns_step_by_step_along_a_rounded_corner() {
-    const HALF: usize = 4;
+fn the_burr_turns_steadily_along_a_rounded_corner() {
     let scene = scene();
     let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
@@ -337,33 +337,36 @@ fn the_burr_turns_step_by_step_along_a_rounded_corner() {
     let i = (1..path.points.len() - 2).find(|i| long(*i) && (1.0..2.0).contains(&turn(*i))).unwrap();
     // a parabola that leaves the path 0.05 mm before the corner and meets it as far behind
     let [from, to] = [at(i - 1), at(i + 1)].map(|p| at(i) + (p - at(i)).normalize() * 0.05);
-    let place = |n: usize| {
-        let t = n as f64 / (2 * HALF) as f64;
-        from * (1.0 - t).powi(2) + at(i) * (2.0 * t * (1.0 - t)) + to * t.powi(2)
-    };
-    let corner = RoundedCorner {
-        waypoints: i..i + 1,
-        at: (0..=2 * HALF).map(place).map(Point::from_coords).collect(),
-    };
-    let swept = SweptPath::driven(&scene, &path.removal, &path.points, BALL, &[corner]);
-    let direction = |of: usize, share: f64| {
-        let (direction, _) = swept.bone_within((of as u32, share), RADIUS_MM, |density| density).unwrap();
-        direction
-    };
-    // the first half and the middle belong to the move to the corner, the other to the one from it
-    let shares = |of: usize| swept.rounding(of).map(move |vertex| (of, vertex)).collect::<Vec<_>>();
-    let (there, back) = (shares(i), shares(i + 1));
-    let first: Vec<f64> = there.iter().map(|(_, vertex)| *vertex).filter(|vertex| *vertex > 0.0).collect();
-    assert_eq!(first, [5.0, 4.0, 3.0, 2.0, 1.0]);
-    let second: Vec<f64> = back.iter().map(|(_, vertex)| *vertex).filter(|vertex| *vertex < 0.0).collect();
-    assert_eq!(second, [-4.0, -3.0, -2.0, -1.0]);
-    let along = there.iter().filter(|(_, v)| *v > 0.0).chain(back.iter().rev().filter(|(_, v)| *v < 0.0));
-    let turned: Vec<f64> =
-        along.map(|(of, vertex)| direction(*of, vertex + 0.5).angle(&(at(i) - at(i - 1)))).collect();
-    assert_eq!(turned.len(), 2 * HALF + 1);
-    assert!(turned.windows(2).all(|pair| pair[0] < pair[1]), "{turned:?}");
-    assert!(turned[0] < 0.2 * turn(i) && turned[2 * HALF] > 0.8 * turn(i), "{turned:?} of {}", turn(i));
-    // a fraction of a vertex lies between the directions before and behind it
-    let [before, middle, behind] = [0.01, 0.5, 0.99].map(|part| direction(i, 1.0 + part));
-    assert!(before.angle(&middle) + middle.angle(&behind) - before.angle(&behind) < 1e-6);
+    let place = |t: f64| from * (1.0 - t).powi(2) + at(i) * (2.0 * t * (1.0 - t)) + to * t.powi(2);
+    let tangent = |t: f64| (at(i) - from) * (1.0 - t) + (to - at(i)) * t;
+    for half in [1, 4] {
+        let share = |n: usize| n as f64 / (2 * half) as f64;
+        let corner = RoundedCorner {
+            waypoints: i..i + 1,
+            at: (0..=2 * half).map(|n| Point::from_coords(place(share(n)))).collect(),
+        };
+        let swept = SweptPath::driven(&scene, &path.removal, &path.points, BALL, &[corner]);
+        let direction = |of: usize, share: f64| {
+            let (direction, _) = swept.bone_within((of as u32, share), RADIUS_MM, |density| density).unwrap();
+            direction
+        };
+        const FRACTIONS: [f64; 4] = [0.01, 0.3, 0.6, 0.99];
+        // the first half belongs to the move to the corner, the other to the one from it
+        let shares = |of| swept.in_corners(of, &FRACTIONS).into_iter().map(move |share| (of, share));
+        let along: Vec<_> = shares(i).chain(shares(i + 1)).map(|(of, share)| direction(of, share)).collect();
+        assert_eq!(along.len(), 2 * half * FRACTIONS.len());
+        for (n, direction) in along.iter().enumerate() {
+            let t = share(n / FRACTIONS.len()) + FRACTIONS[n % FRACTIONS.len()] / (2 * half) as f64;
+            let off = direction.angle(&tangent(t)) / turn(i);
+            assert!(off < 0.06 / half as f64, "{half}: {off} of the turn beside it at {t}");
+        }
+        // beyond the corners a move has its line's direction
+        assert!(direction(i, 0.1).angle(&(at(i) - at(i - 1))) < 1e-9 || !long(i - 1));
+        assert!(
+            swept.is_rounded(i) && !swept.is_rounded(i + 1) && swept.in_corners(i + 2, &[0.5]).is_empty()
+        );
+        // at a corner that is not rounded, the burr turns in place
+        let [before, middle, behind] = [0.01, 0.5, 0.99].map(|part| direction(i + 1, 1.0 + part));
+        assert!(before.angle(&middle) + middle.angle(&behind) - before.angle(&behind) < 1e-6);
+    }
 }

@@ -29,11 +29,10 @@ use super::start::Start;
 /// which the one before it ends.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
-/// Places in the middle of rounded corners, as [`SweptPath::bone_within`] counts them ..
-const TURNING: &[f64] = &[1.25, 1.5, 1.75];
-/// .. and, where edges push without a chip, in all corners, since such forces jump with the direction: in one that is not rounded, and at every
-/// vertex of others.
-const TURNING_WITH_EDGES: [&[f64]; 2] = [&[0.05, 0.25, 0.5, 0.75, 0.95], &[0.05, 0.5]];
+/// Where edges push without a chip, forces jump with the direction. Then they are computed at more places: in rounded corners, as shares of the way
+/// from one vertex to the next, and in others, as [`SweptPath::bone_within`] counts what the burr has turned.
+const IN_ROUNDED: &[f64] = &[0.05, 0.5];
+const TURNED: [f64; 5] = [1.05, 1.25, 1.5, 1.75, 1.95];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
@@ -170,15 +169,13 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
     swept.comes_back(i).into_iter().flat_map(around).collect()
 }
 
-/// Places in the corners of move i.
+/// More places in the corners of move i where edges push without a chip.
 pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> Vec<f64> {
-    let turned = TURNING_WITH_EDGES[usize::from(swept.rounding(i).count() > 1)];
-    let turns = |vertex: f64| turned.iter().map(move |turned| vertex + turned);
-    match (has_edges, swept.is_rounded(i)) {
-        (true, _) => swept.rounding(i).flat_map(turns).collect(),
-        (false, true) => TURNING.to_vec(),
-        (false, false) => Vec::new(),
+    if !has_edges {
+        return Vec::new();
     }
+    let turned = TURNED.iter().filter(|_| !swept.is_rounded(i));
+    swept.in_corners(i, IN_ROUNDED).into_iter().chain(turned.copied()).collect()
 }
 
 /// The shaft's axis after a share of the way of move i: it turns during the move.

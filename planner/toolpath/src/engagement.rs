@@ -10,12 +10,12 @@
 //! move cuts it, since a force depends on the area that cuts and not on its depth. So the runs are those of the driven path. A skin lies on the ball
 //! around its corner, and only a move that comes back to the corner meets much of it at once: there removal times, which know nothing of skins, decide nothing.
 
+mod driven;
 mod masses;
 mod times;
 
+pub use self::driven::RoundedCorner;
 pub use self::masses::{Increments, mass_increments, mass_increments_by_voxels};
-
-use std::ops::Range;
 
 use crate::scene::Scene;
 use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
@@ -23,10 +23,10 @@ use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::runs::{Run, straight_runs};
 use bonemill_cutting::stock::sweep::segment_distance_squared;
-use bonemill_geometry::{Point, Work};
+use bonemill_geometry::Point;
 use nalgebra::{Unit, Vector3};
-use rayon::prelude::*;
 
+use self::driven::{DrivenPath, comes_back};
 use self::times::{CellTimes, LastTimes, cell_times};
 use crate::path::PathPoint;
 
@@ -35,28 +35,13 @@ const CELL_MM: f64 = 2.0;
 /// Half the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 
-/// A corner of a path as an arm rounds it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RoundedCorner {
-    /// The waypoint at the corner, or several in the same place.
-    pub waypoints: Range<usize>,
-    /// Places of the burr's centre, as many before the one where it passes the corner as behind: from where it leaves the line before the
-    /// corner to where it meets the line behind.
-    pub at: Vec<Point<Work>>,
-}
-
 /// The path as straight runs with an index by position.
 #[derive(Debug)]
 pub struct SweptPath<'a> {
     scene: &'a Scene,
     times: Vec<CellTimes>,
     last_times: LastTimes,
-    /// The driven path: the waypoints, with the places of a rounded corner in the place of one.
-    vertices: Vec<Vector3<f64>>,
-    /// The vertex at which the move to each waypoint ends.
-    end_of: Vec<u32>,
-    /// How many vertices of a rounded corner lie before the one at which it ends; as many lie behind.
-    rounding: Vec<u32>,
+    path: DrivenPath,
     /// Where the move to each waypoint comes back to an earlier rounded corner, as a share of its way.
     comes_back: Vec<Option<f64>>,
     radius_mm: f64,
@@ -82,37 +67,19 @@ impl<'a> SweptPath<'a> {
         corners: &[RoundedCorner],
     ) -> Self {
         let Ball { radius_mm } = ball;
-        let (mut vertices, mut end_of) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
-        let mut rounding = vec![0; points.len()];
-        let mut rounded = corners.iter().peekable();
-        while end_of.len() < points.len() {
-            let i = end_of.len();
-            match rounded.next_if(|corner| corner.waypoints.start == i) {
-                Some(RoundedCorner { waypoints, at }) => {
-                    let before = at.len() as u32 / 2;
-                    rounding[waypoints.clone()].fill(before);
-                    end_of.resize(waypoints.end, vertices.len() as u32 + before);
-                    vertices.extend(at.iter().map(|place| place.coords));
-                }
-                None => {
-                    end_of.push(vertices.len() as u32);
-                    vertices.push(points[i].position.coords);
-                }
-            }
-        }
-        let runs = straight_runs(0..vertices.len() as u32, |n| Point::from_coords(vertices[n as usize]));
+        let path = DrivenPath::new(points, corners);
+        let at = &path.vertices;
+        let runs = straight_runs(0..at.len() as u32, |n| Point::from_coords(at[n as usize]));
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
         let times = cell_times(&scene.class, removal.time());
-        let mut path = Self {
+        let mut swept = Self {
             scene,
             last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
             times,
             comes_back: comes_back(points, corners),
-            vertices,
-            end_of,
-            rounding,
+            path,
             radius_mm,
             dims: grid.dims(),
             per_mm: 1.0 / grid.spacing_mm().x,
@@ -120,15 +87,15 @@ impl<'a> SweptPath<'a> {
             cells,
             runs_in_cell: vec![Vec::new(); cells.iter().product()],
         };
-        path.index_runs();
-        path
+        swept.index_runs();
+        swept
     }
 
     /// Lists each run in every cell in which the centre of a ball that the run can meet may lie: within 2r of the run.
     fn index_runs(&mut self) {
         let reach = 2.0 * self.radius_mm + 0.5 * 3f64.sqrt() * CELL_MM;
         for (number, run) in self.runs.iter().enumerate() {
-            let (a, b) = (self.start(run), self.vertices[run.last as usize]);
+            let (a, b) = (self.start(run), self.path.vertices[run.last as usize]);
             let (lo, hi) = (a.inf(&b) - Vector3::repeat(reach), a.sup(&b) + Vector3::repeat(reach));
             let range = |axis: usize| {
                 let cell = |v: f64| ((v / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
@@ -162,7 +129,7 @@ impl<'a> SweptPath<'a> {
     }
 
     fn start(&self, run: &Run) -> Vector3<f64> {
-        self.vertices[run.start() as usize]
+        self.path.vertices[run.start() as usize]
     }
 
     /// Distance from the axis of an earlier run within which bone is removed, mm. If the burr comes to the same place again,
@@ -190,62 +157,34 @@ impl<'a> SweptPath<'a> {
         sample_radius_mm: f64,
         weight_of: W,
     ) -> BoneAt<'_, W> {
-        let center = self.vertices[self.end_of[index as usize] as usize];
-        let before = index.checked_sub(1).map(|before| self.end_of[before as usize]);
+        let center = self.path.vertices[self.path.end_of[index as usize] as usize];
+        let before = index.checked_sub(1).map(|before| self.path.end_of[before as usize]);
         self.bone_around(center, (index, before), sample_radius_mm, weight_of)
     }
 
     /// Whether the arm rounds the corner where the move to waypoint `index` ends.
     pub fn is_rounded(&self, index: usize) -> bool {
-        self.rounding[index] > 0
+        self.path.rounding[index] > 0
     }
 
-    /// Vertices of rounded corners on the move to waypoint `index`, as shares of [`Self::bone_within`] without the fraction: of the corner from which
-    /// it comes, and of that where it ends.
-    pub fn rounding(&self, index: usize) -> impl Iterator<Item = f64> {
-        let [from, to] = [index.saturating_sub(1), index].map(|of| self.rounding[of]);
-        (1..=from).rev().map(|n| -f64::from(n)).chain((0..=to).rev().map(|n| 1.0 + f64::from(n)))
+    /// Places in the rounded corners of the move to waypoint `index`, as shares of its way: at each of the `fractions` of the way from one
+    /// vertex of a corner to the next.
+    pub fn in_corners(&self, index: usize, fractions: &[f64]) -> Vec<f64> {
+        self.path.in_corners(index, fractions)
     }
 
     /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
-    /// where it does not move. Other shares are vertices of rounded corners, where the burr turns from the direction before the vertex to that
-    /// behind it, by the fraction of the share: 1 + n the n-th before the middle of the corner where the move ends, −n the n-th behind the middle of
-    /// that from which it comes.
+    /// where it does not move. Beyond 1: at the move's end, turned by the rest of the share to the direction of the next move.
     pub fn bone_within<W: Fn(f64) -> f64>(
         &self,
         (index, share): (u32, f64),
         sample_radius_mm: f64,
         weight_of: W,
     ) -> Option<(Unit<Vector3<f64>>, BoneAt<'_, W>)> {
-        let (first, last) = (self.end_of[index.checked_sub(1)? as usize], self.end_of[index as usize]);
-        if first == last {
-            return None;
-        }
-        let (center, direction, before) = if !(0.0..=1.0).contains(&share) {
-            let at = if share > 1.0 { last - (share as u32 - 1) } else { first + (-share).ceil() as u32 };
-            let [from, to] = [self.direction_to(at)?, self.direction_to(at + 1)?];
-            let direction = Unit::try_new(from.lerp(&to, share - share.floor()), 1e-9)?;
-            (self.vertices[at as usize], direction, at - 1)
-        } else {
-            let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();
-            let mut left_mm = share * (first + 1..=last).map(length).sum::<f64>();
-            let mut n = first + 1;
-            while n < last && left_mm > length(n) {
-                left_mm -= length(n);
-                n += 1;
-            }
-            let (from, direction) = (self.vertices[n as usize - 1], self.direction_to(n)?);
-            (from + direction.into_inner() * left_mm.min(length(n)), direction, n - 1)
-        };
-        let bone = self.bone_around(center, (index, Some(before)), sample_radius_mm, weight_of);
-        Some((direction, bone))
-    }
-
-    /// The direction in which the burr comes to a vertex of the driven path.
-    fn direction_to(&self, vertex: u32) -> Option<Unit<Vector3<f64>>> {
-        let (from, to) =
-            (self.vertices.get(vertex.checked_sub(1)? as usize)?, self.vertices.get(vertex as usize)?);
-        Unit::try_new(to - from, 1e-9)
+        let place = self.path.place(index as usize, share)?;
+        let bone = self.bone_around(place.center, (index, Some(place.before)), sample_radius_mm, weight_of);
+        // what lies behind was swept on the way from the vertex before
+        Some((place.direction, BoneAt { way: place.along.into_inner(), ..bone }))
     }
 
     /// The bone around a centre on the move to waypoint `index`, whose earlier path ends at vertex `before`.
@@ -263,7 +202,7 @@ impl<'a> SweptPath<'a> {
             // runs are listed in the path's order
             let Some(before) = before.filter(|before| run.first <= *before) else { break };
             // the part of the run before; waypoint 0 is a ball
-            let (a, b) = (self.start(run), self.vertices[run.last.min(before) as usize]);
+            let (a, b) = (self.start(run), self.path.vertices[run.last.min(before) as usize]);
             if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
                 capsules.push(RunAxis::new(a, b));
             }
@@ -275,33 +214,13 @@ impl<'a> SweptPath<'a> {
             index,
             knows_times,
             center,
+            way: Vector3::zeros(),
             sample_radius_mm,
             weight_of,
             capsules,
             in_reach: Vec::new(),
         }
     }
-}
-
-/// A move that comes this near to a rounded corner comes back to it, mm: some times a skin's thickness, beyond which little of the skin
-/// is met at once.
-const BACK_MM: f64 = 0.06;
-
-/// Where each move comes nearest to the corner of a move before the one before it.
-fn comes_back(points: &[PathPoint], corners: &[RoundedCorner]) -> Vec<Option<f64>> {
-    let at = |i: usize| points[i].position.coords;
-    let corners: Vec<_> =
-        corners.iter().map(|corner| (corner.waypoints.end, at(corner.waypoints.start))).collect();
-    let comes_back = |i: usize| {
-        let (from, to) = (at(i.checked_sub(1)?), at(i));
-        let earlier = corners.iter().take_while(|(behind, _)| *behind < i);
-        let away = earlier.map(|(_, corner)| (segment_distance_squared(corner, &from, &to), corner));
-        let (squared, corner) = away.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let along = to - from;
-        let share = (corner - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
-        (squared < BACK_MM * BACK_MM).then(|| share.clamp(0.0, 1.0))
-    };
-    (0..points.len()).into_par_iter().map(comes_back).collect()
 }
 
 /// The bone before one move, around the position where the move ends.
@@ -312,6 +231,8 @@ pub struct BoneAt<'a, W> {
     /// Whether removal times decide where they are alike.
     knows_times: bool,
     center: Vector3<f64>,
+    /// Unit direction from the last vertex of the earlier path, if the burr turns on the way; else 0.
+    way: Vector3<f64>,
     sample_radius_mm: f64,
     weight_of: W,
     /// The earlier runs within reach of the ball, the latest first, because it is the most likely one to contain a point.
@@ -382,6 +303,9 @@ impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
     /// unit direction, sum to at most a fifth of the burr's radius.
     #[inline]
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
+        if normal.dot(&self.way) < 0.0 {
+            return 0.0;
+        }
         let p = self.center + normal * self.sample_radius_mm;
         let Some(cell) = self.path.cell(&p) else { return 0.0 };
         let CellTimes { first, last } = self.path.times[cell];
