@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_toolpath::scene::{Class, FarObstacles};
+use bonemill_toolpath::scene::{Class, FarObstacles, Matter};
 use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
@@ -111,6 +111,7 @@ pub struct Bone<'a, T> {
     density_g_cm3: &'a Volume<T, Work>,
     class: Option<&'a Volume<Class, Work>>,
     far: Option<&'a FarObstacles>,
+    matter: Option<&'a Matter>,
     origin_mm: Vector3<f64>,
     per_mm: f64,
 }
@@ -128,7 +129,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             return Err(EngineError::Grid { spacing_mm: spacing.into() });
         }
         let (origin_mm, per_mm) = (grid.origin().coords, 1.0 / spacing.x);
-        Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
+        Ok(Self { density_g_cm3, class: None, far: None, matter: None, origin_mm, per_mm })
     }
 
     /// The same bone with the class of every voxel.
@@ -148,6 +149,12 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     #[must_use]
     pub fn with_far(self, far: &'a FarObstacles) -> Self {
         Self { far: Some(far), ..self }
+    }
+
+    /// The same bone with the images that the grid samples: what the burr's surface meets is read there, as a plan reads it.
+    #[must_use]
+    pub fn with_matter(self, matter: &'a Matter) -> Self {
+        Self { matter: Some(matter), ..self }
     }
 
     /// The grid of densities and classes.
@@ -175,7 +182,21 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Point::from_coords(self.origin_mm + index / self.per_mm)
     }
 
-    /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
+    /// Density that the burr's surface meets at a continuous index, g/cm³.
+    ///
+    /// The grid tells a face's place to half a voxel only, and between voxels it spreads the density over a whole one. That is far more than
+    /// what a burr removes that grazes a face, so the images decide where there are any. A structure resists also where it is softer than bone.
+    #[inline]
+    pub(super) fn met_at(&self, index: &Vector3<f64>) -> f64 {
+        let Some(matter) = self.matter else { return self.density_at(index) };
+        let density = matter.density_g_cm3(self.at(*index));
+        if density <= 0.0 && matches!(self.nearest(index), Some((_, VoxelKind::Structure))) {
+            return self.density_at(index);
+        }
+        density
+    }
+
+    /// Trilinear density of the grid at a continuous index, g/cm³; 0 outside the array.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
         let index = (*index).into();

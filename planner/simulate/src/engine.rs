@@ -447,7 +447,7 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
         if part <= 0.0 {
             return None;
         }
-        let density = bone.density_at(&index);
+        let density = bone.met_at(&index);
         if density <= 0.0 {
             return None;
         }

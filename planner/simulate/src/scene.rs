@@ -36,5 +36,6 @@ pub fn bone_of<'a>(
     scene: &'a Scene,
     density_g_cm3: &'a Volume<f32, Work>,
 ) -> Result<Bone<'a, f32>, EngineError> {
-    Ok(Bone::new(density_g_cm3)?.with_classes(&scene.class)?.with_far(&scene.far))
+    let bone = Bone::new(density_g_cm3)?.with_classes(&scene.class)?;
+    Ok(bone.with_far(&scene.far).with_matter(&scene.matter))
 }

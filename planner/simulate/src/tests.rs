@@ -11,6 +11,7 @@ use proptest::prelude::*;
 use super::*;
 
 mod hard;
+mod images;
 mod shank;
 mod surface;
 
