@@ -447,15 +447,16 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
         if part <= 0.0 {
             return None;
         }
-        let density = bone.met_at(&index);
-        if density <= 0.0 {
-            return None;
-        }
         for piece in self.near {
             part = piece.part_outside(normal, self.radius_mm, self.half_mm).min(part);
             if part <= 0.0 {
                 return None;
             }
+        }
+        // last, because reading the images takes the longest
+        let density = bone.met_at(&index);
+        if density <= 0.0 {
+            return None;
         }
         Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
     }
