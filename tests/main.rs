@@ -10,6 +10,7 @@
 mod support;
 
 mod access;
+mod accuracy;
 mod arms;
 mod bad_case;
 mod bad_input;

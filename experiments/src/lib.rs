@@ -19,6 +19,7 @@ mod pareto;
 pub mod peers;
 mod prostheses;
 mod safest_channel;
+mod speed_vs_error;
 mod stream_faults;
 mod table;
 mod trials;
@@ -186,6 +187,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "pareto",
         about: "force toward the nerve against total time and removed volume: block, temporal bone and --case",
         run: pareto::run,
+    },
+    Experiment {
+        name: "speed-vs-error",
+        about: "whole plans with every approximation coarser and finer: time, the plan's own error, change against the finest (--case: your own)",
+        run: speed_vs_error::run,
     },
     Experiment {
         name: "orientation",

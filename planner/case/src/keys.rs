@@ -8,7 +8,7 @@ use std::fmt;
 use bonemill_imaging::AffineChoice;
 
 use super::{ForceTerm, Measure, Objective, OrientationMode, Pattern, Sense, SeveralStructures, SpeedMode};
-use crate::Sheets;
+use crate::{Level, Sheets};
 
 /// Unit of a number in the case file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -292,7 +292,7 @@ table! {
         EXPONENT = "material.exponent" One 0.0..5.0, Value(1.0), "exponent of density", "D: force proportional to mass";
         LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
         STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
-        STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
+        STEP = "path.step_mm" Mm 0.01..5.0, Derived("0.25; 0.5 with accuracy.level = \"coarse\", or the radius where that is less"), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
         RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by the forces toward structures in a draft"), "direction of the lines from work x towards work y", "-";
         ENTRY = "path.entry_mm" Mm -1e4..1e4, Words("where the line leaves the bone"), "with pattern = \"plunge\" or \"ream\": the tool's tip at depth 0, ct", "-";
         ENTRY_CENTER = "path.entry_ball.center_mm" Mm -1e4..1e4, Words(REQUIRED), "centre, ct", "-";
@@ -338,9 +338,13 @@ table! {
         FIDUCIALS_BASE = "robot.base_from_ct.fiducials.base_mm" Mm -1e5..1e5, Words("instead of rotation"), "the same points as the arm touched them, in base, in the same order", "-";
         FLANGE_TRANSLATION = "robot.flange_from_burr.translation_mm" Mm -1e4..1e4, Words(REQUIRED), "burr's centre in the flange", "-";
         FLANGE_RPY = "robot.flange_from_burr.rpy_rad" Rad -10.0..10.0, Words(REQUIRED), "burr's axes in the flange, z to the handpiece", "-";
+        FORCE_ELEMENTS = "accuracy.force_elements" One 8.0..512.0, Derived("64; coarse 32, fine 128"), "elements of the force sum from tip to shaft where a force is stated, and twice as many around", "experiment speed-vs-error";
+        FORCE_DIRECTIONS = "accuracy.force_directions" One 64.0..16384.0, Derived("1024; coarse 512, fine 4096"), "directions in which bone is looked for where axes are chosen and within moves", "experiment speed-vs-error";
+        FORCE_CHANGE = "accuracy.force_change" Share 0.001..1.0, Derived("0.05; coarse 0.2, fine 0.02"), "forces at neighbouring places within a move differ by less than this share of the larger, or are computed between them too", "experiment speed-vs-error";
+        AXIS_SPACING = "accuracy.axis_spacing_deg" Deg 0.25..20.0, Derived("2; coarse 4"), "spacing of the shaft's directions in a plane; three times that over a cap", "experiment speed-vs-error";
         MAX_FRE = "registration.max_fre_mm" Mm 0.01..100.0, Value(1.0),
             "largest RMS residual (FRE) of robot.base_from_ct.fiducials; a plan on a worse fit falls short", "assumed: bone-anchored fiducials fit to a few tenths of a mm";
-        SPACING = "grid.spacing_mm" Mm 0.02..2.0, Value(0.25), "voxel of the planning grid, at most half the radius", ASSUMED;
+        SPACING = "grid.spacing_mm" Mm 0.02..2.0, Derived("0.25; 0.5 with accuracy.level = \"coarse\", or half the radius where that is less"), "voxel of the planning grid, at most half the radius", ASSUMED;
         MARGIN = "grid.margin_mm" Mm 0.0..100.0, Value(3.0), "bone kept around the target beside the tool's own reach", ASSUMED;
     }
     choices {
@@ -360,6 +364,8 @@ table! {
             "whether the burr cuts one way only, as spin says, or either way: then the plan with less force toward the structures decides", ASSUMED;
         SENSE: Sense = "path.sense" ["auto" => Sense::Auto, "both" => Sense::Both, "climb" => Sense::Climb, "conventional" => Sense::Conventional, "away" => Sense::Away],
             "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by the forces toward structures in drafts of the same time", "-";
+        LEVEL: Level = "accuracy.level" ["default" => Level::Default, "coarse" => Level::Coarse, "fine" => Level::Fine],
+            "what the other keys of this table, grid.spacing_mm and path.step_mm are where the case leaves them out: `coarse` for a preview, `fine` to check a plan's figures. What the forces err by is measured on every plan: `force_error` in plan.toml", "experiment speed-vs-error";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
         OBJECTIVE: Objective = "cost.objective" ["levels" => Objective::Levels, "dillon" => Objective::Dillon],

@@ -4,6 +4,7 @@
 //! again. The file's keys, defaults and their sources are those of the case file's documentation. Reading files is not
 //! done here.
 
+mod accuracy;
 mod edit;
 mod error;
 mod explain;
@@ -35,6 +36,7 @@ use bonemill_arm::ur::{Branches, UrModel};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Rotation3, Vector3};
 
+pub use accuracy::{Accuracy, Level};
 pub use bonemill_cutting::burr::Measure;
 pub use bonemill_cutting::cost::SeveralStructures;
 pub use bonemill_cutting::speed::DistanceCurve;
@@ -104,6 +106,8 @@ pub struct Case {
     pub registration: RegistrationSpec,
     /// The planning grid.
     pub grid: GridSpec,
+    /// How finely forces and directions are computed.
+    pub accuracy: Accuracy,
     /// Which keys the file gave.
     pub given: Given,
 }

@@ -15,9 +15,9 @@ use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, MaterialSpec,
-    Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
-    SpeedSpec, Structure, Target, TargetRegion,
+    Accuracy, Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Level,
+    MaterialSpec, Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec,
+    ShankSegment, SpeedCaps, SpeedSpec, Structure, Target, TargetRegion,
 };
 use crate::{EdgeMaterial, Sheets};
 
@@ -104,7 +104,9 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let tool = read_tool(&root);
     let (material, edge_material) = read_material(root.table("material"), paper);
     let robot = read_robot(root.table("robot"));
-    let (path, job) = read_path(root.table("path"), burr.radius_mm, paper);
+    let accuracy = Accuracy::read(root.table("accuracy"));
+    let radius_mm = burr.radius_mm;
+    let (path, job) = read_path(root.table("path"), radius_mm, accuracy.level, paper);
     let (target, [also, less], least_share) = match &job {
         Job::Bone => read_target(root.table("target")),
         Job::Channel(_) => {
@@ -138,7 +140,8 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         speed: read_speed(root.table("speed"), paper),
         robot,
         registration: read_registration_spec(root.table("registration")),
-        grid: read_grid(root.table("grid")),
+        grid: read_grid(root.table("grid"), accuracy.level, radius_mm),
+        accuracy,
         burr,
         given: Given::default(),
     };
@@ -370,9 +373,9 @@ fn read_material(t: Walk<'_, '_>, paper: bool) -> (MaterialSpec, EdgeMaterial) {
 }
 
 /// How the path is laid, and for which kind of work.
-fn read_path(t: Walk<'_, '_>, radius_mm: f64, paper: bool) -> (PathSpec, Job) {
+fn read_path(t: Walk<'_, '_>, radius_mm: f64, level: Level, paper: bool) -> (PathSpec, Job) {
     let pattern = t.choice(&k::PATTERN, Pattern::Lawnmower);
-    let step_mm = t.number(&k::STEP);
+    let step_mm = t.optional(&k::STEP).unwrap_or_else(|| level.within_mm(radius_mm)[1]);
     let is_bone = pattern == Pattern::Lawnmower;
     let number = |of: &Number| if is_bone { t.number(of) } else { default_of(of) };
     let path = PathSpec {
@@ -477,8 +480,11 @@ fn read_registration_spec(t: Walk<'_, '_>) -> RegistrationSpec {
     registration
 }
 
-fn read_grid(t: Walk<'_, '_>) -> GridSpec {
-    let grid = GridSpec { spacing_mm: t.number(&k::SPACING), margin_mm: t.number(&k::MARGIN) };
+fn read_grid(t: Walk<'_, '_>, level: Level, radius_mm: f64) -> GridSpec {
+    let grid = GridSpec {
+        spacing_mm: t.optional(&k::SPACING).unwrap_or_else(|| level.within_mm(radius_mm)[0]),
+        margin_mm: t.number(&k::MARGIN),
+    };
     t.finish();
     grid
 }

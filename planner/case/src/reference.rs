@@ -89,6 +89,7 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "robot",
         "registration",
         "grid",
+        "accuracy",
         // of a prosthesis' job
         "part",
         "orient",

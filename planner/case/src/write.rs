@@ -36,6 +36,17 @@ impl Case {
             "grid",
             &[("spacing_mm", float(self.grid.spacing_mm)), ("margin_mm", float(self.grid.margin_mm))],
         );
+        let accuracy = &self.accuracy;
+        out.table(
+            "accuracy",
+            &[
+                ("level", text(k::LEVEL.word(accuracy.level))),
+                ("force_elements", accuracy.force_elements.to_string()),
+                ("force_directions", accuracy.force_directions.to_string()),
+                ("force_change", float(accuracy.force_change)),
+                ("axis_spacing_deg", float(degrees(accuracy.axis_spacing_rad))),
+            ],
+        );
         out.out
     }
 

@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use super::PlanError;
 use super::arm_axes::REFUSED_MM;
 use super::axis_cost::{AxisObjective, CostField, LevelTimes};
+use super::force_error::ForceError;
 use super::free_axes::FreeAxes;
 use super::in_time::Goal;
 use super::levels;
@@ -93,6 +94,8 @@ pub struct Chosen {
     pub compliances: Option<Vec<Matrix3<f64>>>,
     /// The most by which a choice without the force is worse than one with it, in units of C.
     pub closed_form_error: f64,
+    /// How exact the forces are; none before `look_finely`.
+    pub force_error: ForceError,
 }
 
 impl Chosen {
@@ -189,6 +192,8 @@ impl Prepared<'_> {
         begin_as_ended(&mut chosen.within, &chosen.forces);
         let moves = (&chosen.forces[..], &mut chosen.within[..]);
         forced.largest_finely((case, &swept, &self.near), axes, moves)?;
+        let moves = (self.length_mm(), &chosen.forces[..], &chosen.within[..]);
+        chosen.force_error = forced.error((case, &swept, &self.near), axes, moves)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
@@ -213,7 +218,7 @@ impl Prepared<'_> {
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let sampled = SampledForce::new(case, SampledForce::AXES)?;
+        let sampled = SampledForce::new(case, SampledForce::of_case(case))?;
         let (reached, forced) = (&self.reached, self.forced());
         let swept = forced.swept(case);
         let terms = terms(case, &self.near)?;
@@ -256,7 +261,10 @@ impl Prepared<'_> {
             (0..pushes.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes)).collect();
         let within = vec![Vec::new(); self.points().len()];
-        Ok((Chosen { oriented, kinds, forces, within, costs, compliances, closed_form_error }, motion))
+        let force_error = ForceError::default();
+        let chosen =
+            Chosen { oriented, kinds, forces, within, costs, compliances, closed_form_error, force_error };
+        Ok((chosen, motion))
     }
 
     /// Deflection per force of each direction of a set, mm/N in work, if the cost uses the deflection.

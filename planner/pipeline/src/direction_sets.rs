@@ -6,9 +6,9 @@
 
 use bonemill_toolpath::orientation::{Directions, TiltFamily};
 
-const PLANE_STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-const CAP_STEP_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
-const COARSE_CAP_STEP_RAD: f64 = 2.0 * CAP_STEP_RAD;
+/// Steps over a cap, and of the coarse one, in steps in a plane.
+const CAP_STEPS: f64 = 3.0;
+const COARSE_CAP_STEPS: f64 = 2.0 * CAP_STEPS;
 /// The finer cap's spacing is so many times smaller than the coarse one's.
 const FINER: usize = 3;
 /// Waypoints times directions of a finer cap, at most; five bytes each.
@@ -17,17 +17,17 @@ const MOST_FINER: usize = 1 << 26;
 /// A finer cap, and the number in it of each direction of the coarser one.
 pub type Finer = (Directions, Vec<u16>);
 
-/// One set, its steps `coarser` times as long as usual.
-pub fn one(family: Option<&TiltFamily>, limit_rad: f64, coarser: f64) -> Directions {
+/// One set, by the steps in a plane.
+pub fn one(family: Option<&TiltFamily>, limit_rad: f64, step_rad: f64) -> Directions {
     match family {
-        Some(family) => Directions::in_plane(family, coarser * PLANE_STEP_RAD, limit_rad),
-        None => Directions::cap(coarser * CAP_STEP_RAD, limit_rad),
+        Some(family) => Directions::in_plane(family, step_rad, limit_rad),
+        None => Directions::cap(CAP_STEPS * step_rad, limit_rad),
     }
 }
 
-/// A coarse cap and a finer one; `None` where the path has too many waypoints for it, or the cap is too small to divide.
-pub fn coarse_and_finer(limit_rad: f64, waypoints: usize) -> Option<(Directions, Finer)> {
-    let coarse = Directions::cap(COARSE_CAP_STEP_RAD, limit_rad);
+/// A coarse cap and a finer one, by the steps in a plane; `None` where the path has too many waypoints for it, or the cap is too small to divide.
+pub fn coarse_and_finer(limit_rad: f64, step_rad: f64, waypoints: usize) -> Option<(Directions, Finer)> {
+    let coarse = Directions::cap(COARSE_CAP_STEPS * step_rad, limit_rad);
     let finer = coarse.finer(FINER)?;
     (waypoints * finer.0.len() <= MOST_FINER).then_some((coarse, finer))
 }

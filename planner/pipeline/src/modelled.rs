@@ -6,6 +6,7 @@ use bonemill_robot::timelaw::LimitRatios;
 use bonemill_setup::armpath::{ArmFacts, path_limits};
 
 use super::attempt::Attempt;
+use super::force_error::ForceError;
 use super::raster::LinesDraft;
 use super::{PlanError, SpeedLevels, half_turn, speed_levels};
 
@@ -57,6 +58,8 @@ pub struct AxisFacts {
     /// The most by which a choice in closed form is worse than one with the force, in units of C: what the force, evaluated
     /// afterwards, would have added.
     pub closed_form_error: f64,
+    /// How exact the forces are.
+    pub force_error: ForceError,
     /// Angle between neighbours of the directions that axes were chosen from, rad.
     pub direction_spacing_rad: f64,
     /// Moves during which the shank, turning from one free axis to the next, is not free all the way.
@@ -117,6 +120,7 @@ impl Attempt<'_> {
             cost_with_force: oriented.with_force,
             cost_closed_form: oriented.closed_form,
             closed_form_error: self.chosen.closed_form_error,
+            force_error: self.chosen.force_error,
             direction_spacing_rad: oriented.spacing_rad,
             blocked_turns: oriented.blocked_turns.len(),
             links_beyond_limit: self.prepared.beyond_limit,

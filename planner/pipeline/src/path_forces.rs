@@ -35,9 +35,8 @@ const IN_ROUNDED: &[f64] = &[0.05, 0.5];
 const TURNED: [f64; 5] = [1.05, 1.25, 1.5, 1.75, 1.95];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
-/// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
-const VARIES_SHARE: f64 = 0.05;
-/// .. and of the path's largest, as long as they are farther apart than this share of the way.
+/// Between two such places it is computed in the middle where they differ by more than the case's share of the larger force and
+/// this share of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
 /// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
@@ -179,23 +178,23 @@ pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> Vec<f64> 
 }
 
 /// The shaft's axis after a share of the way of move i: it turns during the move.
-fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
+pub(super) fn axis_within(axes: &[Unit<Vector3<f64>>], i: usize, share: f64) -> Unit<Vector3<f64>> {
     Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share.clamp(0.0, 1.0)))
 }
 
 /// A case's force as finely as it is stated.
-struct FineForce {
-    kernel: ForceKernel,
-    material: Material,
+pub(super) struct FineForce {
+    pub kernel: ForceKernel,
+    pub material: Material,
     nominal_mm_s: f64,
     spindle_rpm: f64,
 }
 
 impl FineForce {
-    fn new(case: &Case) -> Result<Self, PlanError> {
+    pub fn new(case: &Case) -> Result<Self, PlanError> {
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
-        let fine = tools::discretisation(&tool, measure, tools::FORCE_ELEMENTS)?;
+        let fine = tools::discretisation(&tool, measure, case.accuracy.force_elements)?;
         let kernel = ForceKernel::new(&tool, &material, &fine);
         Ok(Self {
             kernel,
@@ -206,7 +205,7 @@ impl FineForce {
     }
 
     /// In the bone around, for an axis and a direction of motion.
-    fn of(
+    pub fn of(
         &self,
         mut bone: impl BoneAround,
         axis: &Unit<Vector3<f64>>,
@@ -345,7 +344,7 @@ impl ForcedPath<'_> {
             let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
             while let Some([from, to]) = pairs.pop() {
                 let [a, b] = [pushes(&from.1), pushes(&to.1)];
-                let same_n = VARIES_SHARE * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
+                let same_n = sampled.force_change * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
                 if to.0 - from.0 <= APART || (a - b).norm() <= same_n {
                     continue;
                 }

@@ -43,14 +43,14 @@ impl ShaftFreedom {
         let limit_rad = case.orientation.tilt_limit_rad;
         let family = (case.orientation.angles == 1).then(|| tilt::tilt_family(arm, &base_from_work, scene));
         let most_rad_per_mm = tilt::tilt_rate_rad_s(arm) / case.speed.nominal_mm_s;
-        let asked = direction_sets::one(family.as_ref(), limit_rad, 1.0);
+        let asked = direction_sets::one(family.as_ref(), limit_rad, case.accuracy.axis_spacing_rad);
         Self {
             turns: TurnLimits { price: TurnPrice::Smoothness(RATE_WEIGHT_MM), most_rad_per_mm },
             shank: tools::shank(case),
             draft: direction_sets::one(
                 family.as_ref(),
                 limit_rad,
-                DRAFT_COARSER[usize::from(family.is_none())],
+                case.accuracy.axis_spacing_rad * DRAFT_COARSER[usize::from(family.is_none())],
             ),
             arm_axes: watch.run("arm", || ArmAxes::new(start.placed(), space, asked)),
             family,
@@ -104,19 +104,21 @@ impl<'a> Prepared<'a> {
     ) -> Result<Self, PlanError> {
         let Start { case, scene, space, .. } = *start;
         let (spacing, limit_rad) = (spacing(case), case.orientation.tilt_limit_rad);
+        let step_rad = case.accuracy.axis_spacing_rad;
         let ShaftFreedom { family, turns, arm_axes, .. } = freedom;
         let spec = freedom.reach_spec(start);
         let lay = || raster.lay(case, scene, space, spacing);
         let path = watch.run("path", lay)?;
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
-        let narrow =
-            is_whole.then(|| direction_sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
+        let narrow = is_whole
+            .then(|| direction_sets::coarse_and_finer(limit_rad, step_rad, path.points.len()))
+            .flatten();
         let reach = |path, set: &Directions, watch: &mut Stopwatch| {
             watch
                 .run("access", || reach::reached(scene, space, path, &ReachSpec { directions: set, ..spec }))
                 .map_err(|why| PlanError::NoAccess { why, tilt_limit_deg: limit_rad.to_degrees() })
         };
-        let plain = || direction_sets::one(family.as_ref(), limit_rad, 1.0);
+        let plain = || direction_sets::one(family.as_ref(), limit_rad, case.accuracy.axis_spacing_rad);
         let (directions, finer, mut reached) = match narrow {
             None => {
                 let set = plain();

@@ -6,7 +6,9 @@ use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
 use bonemill_planfile::{Metrics, PlanRecord, Value};
 
-use crate::{Plan, Reference, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn};
+use crate::{
+    ForceError, Plan, Reference, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn,
+};
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
 pub fn record(plan: &Plan, case_file: PathBuf) -> PlanRecord {
@@ -157,6 +159,18 @@ fn speed_levels(plan: &Plan, levels: &SpeedLevels) -> (String, Value) {
     ("speed_levels".into(), Value::Table(entries))
 }
 
+/// Errors of the forces, as shares of them.
+fn force_error(error: &ForceError) -> Value {
+    let shares = [
+        ("mean", error.mean_share),
+        ("of_cuts", error.of_cuts_share),
+        ("toward", error.toward_share),
+        ("beyond", error.beyond_share),
+    ];
+    let shares = shares.into_iter().map(|(key, share)| (key.to_owned(), share.into()));
+    Value::Table(std::iter::once(("cuts".to_owned(), error.cuts.into())).chain(shares).collect())
+}
+
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let (path, axes, arm) = (&plan.modelled.path, &plan.modelled.axes, &plan.modelled.arm);
     let dropped = dropped_by_reason(&plan.access.dropped).into_iter();
@@ -171,6 +185,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("cost_with_force".into(), axes.cost_with_force.into()),
         ("cost_closed_form".into(), axes.cost_closed_form.into()),
         ("closed_form_error".into(), axes.closed_form_error.into()),
+        ("force_error".into(), force_error(&axes.force_error)),
         ("direction_spacing_deg".into(), axes.direction_spacing_rad.to_degrees().into()),
         ("low_pass_held".into(), axes.low_pass_held.into()),
         ("blocked_turns".into(), axes.blocked_turns.into()),

@@ -19,6 +19,8 @@ pub struct SampledForce {
     spindle_rpm: f64,
     /// Whether edges push without a chip.
     pub(super) has_edges: bool,
+    /// See [`bonemill_case::Accuracy`].
+    pub(super) force_change: f64,
 }
 
 /// Whether edges push without a chip.
@@ -27,10 +29,7 @@ pub(super) fn has_edges(case: &Case) -> bool {
 }
 
 impl SampledForce {
-    /// Directions, and how many make a sample, where axes are chosen. Forces are as exact as sums over 32 × 64 elements, in half
-    /// their time; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
-    pub const AXES: [usize; 2] = [1024, 2];
-    /// The same where lines are compared.
+    /// Directions, and how many make a sample, where lines are compared.
     pub const LINES: [usize; 2] = [1024, 4];
     /// The same where the senses of one pass are compared.
     pub const SENSES: [usize; 2] = [512, 4];
@@ -38,12 +37,17 @@ impl SampledForce {
     /// The same along a move where edges push without a chip: such forces jump where contact begins.
     const WITH_EDGES: [usize; 2] = [8192, 2];
 
+    /// Directions, and how many make a sample, where axes are chosen.
+    pub fn of_case(case: &Case) -> [usize; 2] {
+        [case.accuracy.force_directions as usize, 2]
+    }
+
     /// For places within moves.
     ///
     /// # Errors
     /// As [`SampledForce::new`].
     pub fn within(case: &Case) -> Result<Self, PlanError> {
-        Self::new(case, if has_edges(case) { Self::WITH_EDGES } else { Self::AXES })
+        Self::new(case, if has_edges(case) { Self::WITH_EDGES } else { Self::of_case(case) })
     }
 
     /// Of a case's burr and material.
@@ -55,7 +59,8 @@ impl SampledForce {
         let (material, measure) = tools::material(&case.material)?;
         let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
         let [nominal_mm_s, spindle_rpm] = [case.speed.nominal_mm_s, case.burr.spindle_rpm];
-        Ok(Self { kernel, material, nominal_mm_s, spindle_rpm, has_edges: has_edges(case) })
+        let (has_edges, force_change) = (has_edges(case), case.accuracy.force_change);
+        Ok(Self { kernel, material, nominal_mm_s, spindle_rpm, has_edges, force_change })
     }
 
     /// Where bone is looked for, mm from the burr's centre.

@@ -16,9 +16,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::{PlanError, mount};
 
-/// Elements of the force sum where a force is stated: from tip to shaft, and about so many around.
-pub const FORCE_ELEMENTS: [usize; 2] = [64, 128];
-
 /// The burr of a case.
 pub fn tool(burr: &case::Burr) -> Result<Tool, ModelError> {
     Tool::new(burr.radius_mm, burr.flutes, i32::from(burr.spin))?.with_neck(burr.neck_radius_mm)
@@ -32,13 +29,10 @@ pub fn material(material: &case::MaterialSpec) -> Result<(Material, Measure), Mo
     Ok((made, material.measure))
 }
 
-/// The force sum's discretisation for a burr: `n_kappa` elements from tip to shaft, about `n_around` around.
-pub fn discretisation(
-    tool: &Tool,
-    measure: Measure,
-    [n_kappa, n_around]: [usize; 2],
-) -> Result<Discretisation, ModelError> {
-    let n_gamma = n_around.div_ceil(tool.blades() as usize);
+/// The force sum's discretisation for a burr: `n_kappa` elements from tip to shaft, about twice as many around.
+pub fn discretisation(tool: &Tool, measure: Measure, n_kappa: u32) -> Result<Discretisation, ModelError> {
+    let n_kappa = n_kappa as usize;
+    let n_gamma = (2 * n_kappa).div_ceil(tool.blades() as usize);
     Discretisation::new(n_gamma, n_kappa, ElementGrid::Kappa, measure)
 }
 
@@ -190,7 +184,8 @@ pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
     const LEAST_OF_SLOT: f64 = 0.1;
     let tool = tool(&case.burr)?;
     let (material, measure) = material(&case.material)?;
-    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure, FORCE_ELEMENTS)?);
+    let kernel =
+        ForceKernel::new(&tool, &material, &discretisation(&tool, measure, case.accuracy.force_elements)?);
     let (radius_mm, path) = (case.burr.radius_mm, &case.path);
     let force_n = |from_y_mm: f64| {
         let is_bone =

@@ -357,6 +357,26 @@ pub const MODELLED: &[Column] = &[
         "",
         "The most by which such a choice is worse, in units of `cost`.",
     ),
+    Column::new(
+        "force_error.cuts",
+        "1",
+        "",
+        "Cuts whose forces were computed again at eight places of the move, with the sum over 128 × 256 elements: what the others compare with.",
+    ),
+    Column::new("force_error.mean", "1", "", "Error of the mean force over these cuts, as a share of it."),
+    Column::new(
+        "force_error.of_cuts",
+        "1",
+        "",
+        "The same of single cuts: the errors' mean size over the mean force.",
+    ),
+    Column::new("force_error.toward", "1", "", "The same of the pushes toward structures."),
+    Column::new(
+        "force_error.beyond",
+        "1",
+        "",
+        "The most by which a force exceeds the largest one stated of its cut, as a share of the largest of all.",
+    ),
     Column::new("direction_spacing_deg", "°", "", "Angle between neighbouring candidate directions."),
     Column::new(
         "low_pass_held",

@@ -1,0 +1,47 @@
+//! The approximations' keys and levels: what a plan says that its forces err by, and what a level sets.
+
+use crate::support::figures::entry;
+use crate::support::place::Place;
+use bonemill_planner::case::{Accuracy, Level};
+use bonemill_planner::plan::{StoredPlan, Value};
+
+/// The plan made with `[accuracy]` keys.
+fn planned(keys: &str) -> StoredPlan {
+    let place = Place::healthy().with_case("[grid]\n", &format!("[accuracy]\n{keys}\n\n[grid]\n"));
+    let ran = place.plan();
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    StoredPlan::load(&place.path("plan")).unwrap()
+}
+
+fn error(plan: &StoredPlan, name: &str) -> f64 {
+    match entry(&plan.record.modelled, &["force_error", name]) {
+        Value::Number(share) => *share,
+        Value::Integer(n) => *n as f64,
+        other => panic!("{other:?} is no number"),
+    }
+}
+
+#[test]
+fn a_plan_says_what_its_forces_err_by_and_finer_sums_err_less() {
+    let [coarse, default, fine] =
+        ["force_elements = 8\nforce_directions = 64\nforce_change = 1.0", "", "level = \"fine\""]
+            .map(planned);
+    let of_cuts = [&coarse, &default, &fine].map(|plan| error(plan, "of_cuts"));
+    assert!(of_cuts[0] > 5.0 * of_cuts[1] && of_cuts[1] > 1.2 * of_cuts[2], "{of_cuts:?}");
+    assert!(of_cuts[1] < 0.03 && of_cuts[2] > 0.0, "{of_cuts:?}");
+    for plan in [&coarse, &default, &fine] {
+        // the mean over cuts errs by no more than the cuts
+        assert!(error(plan, "mean") <= error(plan, "of_cuts") && error(plan, "cuts") > 20.0);
+    }
+}
+
+#[test]
+fn a_level_sets_what_the_case_leaves_out_and_verify_accepts_a_preview() {
+    let place = Place::healthy().with_case("spacing_mm = 0.5\n", "").with_case("step_mm = 0.5\n", "");
+    let place = place.with_case("[grid]\n", "[accuracy]\nlevel = \"coarse\"\nforce_elements = 40\n");
+    let case = place.verified().record.case;
+    let found = (case.grid.spacing_mm, case.path.step_mm, case.accuracy);
+    assert_eq!(found, (0.5, 0.5, Accuracy { force_elements: 40, ..Accuracy::of(Level::Coarse) }));
+    let unknown = place.with_case("level = \"coarse\"", "level = \"rough\"");
+    unknown.refuses(&["accuracy.level", "rough", "`default` or `coarse` or `fine`"]);
+}
