@@ -23,6 +23,8 @@ macro_rules! frames {
 frames! {
     /// The CT's RAS+ millimetre world, as the NIfTI affine gives it. Plans are stored in it.
     Ct = "ct",
+    /// The same world with x to the left and y to the back, mm: the frame of 3D Slicer's and ITK's files.
+    Lps = "LPS",
     /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone; x and y follow
     /// the CT's voxels.
     Work = "work",

@@ -24,7 +24,7 @@ mod target;
 pub mod testkit;
 mod volume;
 
-pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
+pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Lps, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use progress::{JobPosition, Progress, Stage};

@@ -6,7 +6,7 @@ use std::ops::Mul;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::{Frame, Point};
+use crate::{Ct, Frame, Lps, Point};
 
 /// `p_to = R p_from + t`. Values are named `to_from_from`, such as `base_from_ct`, so that neighbouring frames match
 /// in a product.
@@ -71,6 +71,14 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
     /// Transforms a free vector, such as a direction or a force: it is rotated, not translated.
     pub fn rotate(&self, v: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * v
+    }
+}
+
+impl Rigid<Lps, Ct> {
+    /// From RAS+ to LPS: half a turn about z. The only place where anything is converted for files in LPS.
+    pub fn lps_from_ct() -> Self {
+        let half_turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
+        Self::new(Rotation3::from_matrix_unchecked(half_turn), Vector3::zeros())
     }
 }
 

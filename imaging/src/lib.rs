@@ -5,7 +5,7 @@
 //! is NIfTI's own world, RAS+; nothing is flipped.
 //!
 //! - files: [`read_ct`], [`read_labels`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`],
-//!   [`write_phantom`];
+//!   [`write_segments`], [`write_phantom`];
 //! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`];
 //! - distances on a grid: [`distance_transform`], [`distance_within`]; from any point: [`StructureField`].
 //!
@@ -42,6 +42,7 @@ mod structures;
 pub mod surface;
 mod write;
 mod write_phantom;
+mod write_segments;
 
 pub use density::DensityTable;
 pub use distance::{DistanceField, distance_only, distance_transform, distance_within};
@@ -57,3 +58,4 @@ pub use resample::{AIR_HU, resample_hu, resample_hu_and_density, resample_neares
 pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};
 pub use write_phantom::{PHANTOM_CASE_FILE, write_phantom};
+pub use write_segments::{Segment, write_segments};

@@ -44,5 +44,5 @@ pub use error::{FacetPlace, PartError};
 pub use facets::{Facets, MOST_FACETS};
 pub use read::{MeshFormat, parse_facets, read_facets};
 pub use solid::{CROSSING_TOLERANCE_MM, RepairLimits, Solid};
-pub use stl::{rounded, stl_bytes};
+pub use stl::{rounded, stl_bytes, stl_bytes_lps};
 pub use unit::{LONGEST_MM, LengthUnit, SHORTEST_MM};

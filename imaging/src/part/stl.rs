@@ -1,12 +1,21 @@
 //! A mesh as a binary STL.
 
-use bonemill_geometry::{Frame, Mesh};
+use bonemill_geometry::{Frame, Lps, Mesh};
 use nalgebra::Vector3;
 
 /// The mesh as binary STL; coordinates are rounded to single precision, which [`rounded`] does beforehand.
 pub fn stl_bytes<F: Frame>(mesh: &Mesh<F>) -> Vec<u8> {
+    stl_bytes_titled(mesh, &format!("bonemill part, mm, frame {}", F::NAME))
+}
+
+/// The same in LPS, with the words in its header by which 3D Slicer knows that it is.
+pub fn stl_bytes_lps(mesh: &Mesh<Lps>) -> Vec<u8> {
+    stl_bytes_titled(mesh, "bonemill, mm, SPACE=LPS")
+}
+
+fn stl_bytes_titled<F: Frame>(mesh: &Mesh<F>, title: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(84 + 50 * mesh.triangles.len());
-    bytes.extend(format!("{:<80}", format!("bonemill part, mm, frame {}", F::NAME)).as_bytes());
+    bytes.extend(format!("{title:<80}").as_bytes());
     bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
     for triangle in &mesh.triangles {
         let [a, b, c] = triangle.map(|v| mesh.vertices[v as usize].coords);

@@ -45,6 +45,24 @@ const PROSTHESIS_ENTRIES: [&str; 8] = [
     "phantom",
 ];
 
+/// What stands in the folder of a scene for 3D Slicer.
+const SCENE_ENTRIES: [&str; 11] = [
+    "plan.mrml",
+    "plan.seg.nrrd",
+    "plan.nii.gz",
+    "labels.json",
+    "cavity.stl",
+    "tool.stl",
+    "arm_base.stl",
+    "path.mrk.json",
+    "approach.mrk.json",
+    "holds.mrk.json",
+    "forces.vtk",
+];
+
+/// How the scene's file begins that tells a folder of a scene.
+pub const SCENE_HEADER: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- A plan by bonemill";
+
 /// How the file begins that tells a folder of a prosthesis.
 pub const PROSTHESIS_HEADER: &str = "# A prosthesis by bonemill.";
 
@@ -57,6 +75,8 @@ pub enum Replace {
     Plan,
     /// The folder of a prosthesis.
     Prosthesis,
+    /// The folder of a scene for 3D Slicer.
+    Scene,
 }
 
 impl Replace {
@@ -65,6 +85,7 @@ impl Replace {
             Self::Nothing => "an empty folder",
             Self::Plan => "a plan",
             Self::Prosthesis => "the folder of a prosthesis",
+            Self::Scene => "a folder that `export --format slicer` wrote",
         }
     }
 
@@ -73,6 +94,7 @@ impl Replace {
             Self::Nothing => &[],
             Self::Plan => &PLAN_ENTRIES,
             Self::Prosthesis => &PROSTHESIS_ENTRIES,
+            Self::Scene => &SCENE_ENTRIES,
         }
     }
 
@@ -82,6 +104,7 @@ impl Replace {
             Self::Nothing => Err("it is not empty".into()),
             Self::Plan => is_plan(dir),
             Self::Prosthesis => is_prosthesis(dir),
+            Self::Scene => is_scene(dir),
         }
     }
 }
@@ -91,6 +114,13 @@ pub fn is_prosthesis(dir: &Path) -> Result<(), String> {
     let text = fs::read_to_string(dir.join("job.toml")).map_err(|_| "it has no readable job.toml")?;
     let ours = text.starts_with(PROSTHESIS_HEADER);
     if ours { Ok(()) } else { Err("its job.toml is not one of ours".into()) }
+}
+
+/// Whether `dir` holds a scene of ours; `Err` says why not.
+fn is_scene(dir: &Path) -> Result<(), String> {
+    let text = fs::read_to_string(dir.join(SCENE_ENTRIES[0])).map_err(|_| "it has no readable plan.mrml")?;
+    let ours = text.starts_with(SCENE_HEADER);
+    if ours { Ok(()) } else { Err("its plan.mrml is not one of ours".into()) }
 }
 
 /// A directory that is being written. If it is dropped without [`StagedDirectory::commit`], it leaves nothing behind.
@@ -133,13 +163,13 @@ impl StagedDirectory {
         &self.inside
     }
 
-    /// Writes a file of text.
+    /// Writes a file.
     ///
     /// # Errors
     /// [`PlanFileError::Io`].
-    pub fn write(&self, name: &str, text: &str) -> Result<(), PlanFileError> {
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), PlanFileError> {
         let path = self.inside.join(name);
-        fs::write(&path, text).map_err(PlanFileError::io("write", path))
+        fs::write(&path, content).map_err(PlanFileError::io("write", path))
     }
 
     /// The final directory, absolute.
@@ -223,7 +253,9 @@ fn hidden(target: &Path, ending: &str) -> OsString {
 /// Restores a plan after a process was killed while it replaced it.
 fn put_back(target: &Path) -> Result<(), PlanFileError> {
     let aside = target.with_file_name(hidden(target, ".replaced"));
-    if !aside.exists() || (is_plan(&aside).is_err() && is_prosthesis(&aside).is_err()) {
+    let ours =
+        [Replace::Plan, Replace::Prosthesis, Replace::Scene].iter().any(|kind| kind.judge(&aside).is_ok());
+    if !aside.exists() || !ours {
         return Ok(());
     }
     if target.exists() {

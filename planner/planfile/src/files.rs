@@ -7,7 +7,7 @@ use super::{FORCES, PLUNGE, PlanFileError, REPORT, StagedDirectory, StoredPlan};
 
 /// Files of a plan's directory besides `plan.toml`.
 pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", REPORT];
-/// Files for human readers only; no command reads them.
+/// Files for human readers; of them a command reads `dropped.csv` only, to say why a part of the target stays.
 pub const NOTES: [&str; 3] = ["access.csv", "dropped.csv", PLUNGE];
 
 /// Copies the files of a plan, except `plan.toml`, into the staged directory.
