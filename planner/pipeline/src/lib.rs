@@ -78,7 +78,7 @@ pub use reach::Dropped;
 pub use record::record;
 pub use reference::{Reference, StructureForces};
 pub use refused::{Refused, place};
-pub use rest::RestCause;
+pub use rest::{RestCause, rest_of};
 pub use save::save;
 pub use speed_levels::{Exceeded, SpeedLevels};
 

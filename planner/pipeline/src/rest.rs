@@ -12,9 +12,10 @@ use bonemill_case::Case;
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_imaging::{ImageError, distance_within};
+use bonemill_planfile::{StoredPlan, read_dropped};
+use bonemill_setup::PlanError;
 use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_toolpath::space::BurrSpace;
-use rayon::prelude::*;
 
 use super::reach::Dropped;
 
@@ -72,9 +73,47 @@ pub fn rest(
     removal: &RemovalTime,
     dropped: &[Dropped],
 ) -> Result<Vec<(RestCause, f64)>, ImageError> {
+    let voxel_mm3 = scene.target_voxel_mm3;
+    let found = rest_voxels(scene, space, |n| removal.is_removed(n), dropped)?;
+    let mut rest: Vec<(RestCause, f64)> =
+        found.into_iter().map(|(cause, voxels)| (cause, voxels.len() as f64 * voxel_mm3)).collect();
+    if scene.outside.mm3.total() > 0.0 {
+        rest.push((RestCause::OutsideScan, scene.outside.mm3.total()));
+    }
+    rest.sort_by(|a, b| b.1.total_cmp(&a.1));
+    Ok(rest)
+}
+
+/// The voxels of the scene that each cause keeps in a finished plan of milling, in no order, by what `is_removed` says of a voxel. The places
+/// that the shank could not get to are those of the plan's `dropped.csv`; without that file their voxels count for the path's spacing.
+///
+/// # Errors
+/// [`PlanError::File`] for a `dropped.csv` that cannot be read, [`PlanError::Image`] when a distance field cannot be made.
+pub fn rest_of(
+    plan: &StoredPlan,
+    scene: &Scene,
+    is_removed: impl Fn(usize) -> bool,
+) -> Result<Vec<(RestCause, Vec<usize>)>, PlanError> {
+    let case = &plan.record.case;
+    let space = BurrSpace::new(scene, Ball { radius_mm: case.burr.radius_mm }, &case.clearances_mm())?;
+    let work_from_ct = scene.ct_from_work.inverse();
+    let dropped: Vec<Dropped> = read_dropped(&plan.dir)?
+        .into_iter()
+        .map(|(place, reason)| Dropped { position: work_from_ct * place, reason })
+        .collect();
+    Ok(rest_voxels(scene, &space, is_removed, &dropped)?)
+}
+
+/// The voxels that each cause keeps, by the order of their first mention.
+fn rest_voxels(
+    scene: &Scene,
+    space: &BurrSpace,
+    is_removed: impl Fn(usize) -> bool,
+    dropped: &[Dropped],
+) -> Result<Vec<(RestCause, Vec<usize>)>, ImageError> {
     let class = scene.class.data();
     let left: Vec<usize> =
-        (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !removal.is_removed(*n)).collect();
+        (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !is_removed(*n)).collect();
     let (reachable, unreachable): (Vec<usize>, Vec<usize>) =
         left.into_iter().partition(|n| space.reachable()[*n]);
     let without_structures = BurrSpace::new(scene, space.ball(), &[])?;
@@ -83,19 +122,12 @@ pub fn rest(
     let without_thin = reachable_without_thin(scene, space)?;
     let (by_thin, by_bone): (Vec<usize>, Vec<usize>) =
         by_bone.into_iter().partition(|n| without_thin.as_ref().is_some_and(|reachable| reachable[*n]));
-    let mut counts = Counts(Vec::new());
-    reachable.iter().for_each(|n| counts.add(left_by_path(scene, space, dropped, *n), 1));
-    counts.add(RestCause::ThinBone, by_thin.len());
-    by_clearances(scene, space, &by_structures, &mut counts)?;
-    by_radius(scene, &by_bone, &mut counts)?;
-    let voxel_mm3 = scene.target_voxel_mm3;
-    let mut rest: Vec<(RestCause, f64)> =
-        counts.0.into_iter().map(|(cause, voxels)| (cause, voxels as f64 * voxel_mm3)).collect();
-    if scene.outside.mm3.total() > 0.0 {
-        rest.push((RestCause::OutsideScan, scene.outside.mm3.total()));
-    }
-    rest.sort_by(|a, b| b.1.total_cmp(&a.1));
-    Ok(rest)
+    let mut kept = Kept(Vec::new());
+    reachable.iter().for_each(|n| kept.add(left_by_path(scene, space, dropped, *n), &[*n]));
+    kept.add(RestCause::ThinBone, &by_thin);
+    by_clearances(scene, space, &by_structures, &mut kept)?;
+    by_radius(scene, &by_bone, &mut kept)?;
+    Ok(kept.0)
 }
 
 /// What the ball could reach if thin bone were no obstacle; `None` where there is none.
@@ -109,13 +141,13 @@ fn reachable_without_thin(scene: &Scene, space: &BurrSpace) -> Result<Option<Vec
 }
 
 /// Voxels by cause, in the order of their first mention.
-struct Counts(Vec<(RestCause, usize)>);
+struct Kept(Vec<(RestCause, Vec<usize>)>);
 
-impl Counts {
-    fn add(&mut self, cause: RestCause, voxels: usize) {
+impl Kept {
+    fn add(&mut self, cause: RestCause, voxels: &[usize]) {
         match self.0.iter_mut().find(|(known, _)| *known == cause) {
-            Some((_, count)) => *count += voxels,
-            None if voxels > 0 => self.0.push((cause, voxels)),
+            Some((_, kept)) => kept.extend_from_slice(voxels),
+            None if !voxels.is_empty() => self.0.push((cause, voxels.to_vec())),
             None => {}
         }
     }
@@ -134,19 +166,19 @@ fn by_clearances(
     scene: &Scene,
     space: &BurrSpace,
     voxels: &[usize],
-    counts: &mut Counts,
+    kept: &mut Kept,
 ) -> Result<(), ImageError> {
     let near: Vec<usize> =
         (0..scene.structures.len()).filter(|n| scene.structures[*n].field.is_some()).collect();
     if let [only] = near[..] {
-        counts.add(RestCause::Clearance(only), voxels.len());
+        kept.add(RestCause::Clearance(only), voxels);
         return Ok(());
     }
     if (voxels.len() as f64) < FEW_SHARE * scene.count(Class::TARGET) as f64 {
         voxels
             .iter()
-            .filter_map(|n| nearest_limit(scene, space, *n))
-            .for_each(|s| counts.add(RestCause::Clearance(s), 1));
+            .filter_map(|n| Some((nearest_limit(scene, space, *n)?, n)))
+            .for_each(|(s, n)| kept.add(RestCause::Clearance(s), &[*n]));
         return Ok(());
     }
     let mut keepers: Vec<Vec<usize>> = vec![Vec::new(); voxels.len()];
@@ -158,10 +190,10 @@ fn by_clearances(
             }
         }
     }
-    for keepers in keepers {
-        counts.add(
+    for (keepers, n) in keepers.iter().zip(voxels) {
+        kept.add(
             if let [only] = keepers[..] { RestCause::Clearance(only) } else { RestCause::Clearances },
-            1,
+            &[*n],
         );
     }
     Ok(())
@@ -186,14 +218,14 @@ fn alone(space: &BurrSpace, structure: usize) -> Vec<f64> {
 }
 
 /// Which of `voxels`, which bone keeps from the ball, a small burr would reach.
-fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(), ImageError> {
+fn by_radius(scene: &Scene, voxels: &[usize], kept: &mut Kept) -> Result<(), ImageError> {
     if voxels.is_empty() {
         return Ok(());
     }
     let smallest_mm = SMALLEST_BURR_VOXELS * scene.class.grid().spacing_mm().x;
     let small = BurrSpace::new(scene, Ball { radius_mm: smallest_mm }, &[])?;
-    let narrow = voxels.par_iter().filter(|n| small.reachable()[**n]).count();
-    counts.add(RestCause::BurrRadius, narrow);
-    counts.add(RestCause::Bone, voxels.len() - narrow);
+    let (narrow, closed): (Vec<usize>, Vec<usize>) = voxels.iter().partition(|n| small.reachable()[**n]);
+    kept.add(RestCause::BurrRadius, &narrow);
+    kept.add(RestCause::Bone, &closed);
     Ok(())
 }

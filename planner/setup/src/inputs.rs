@@ -242,12 +242,24 @@ pub fn make_scene_of(
 /// The scene of a finished plan, as it was planned on.
 ///
 /// # Errors
-/// [`PlanError`] for images that are missing or cannot be read or trusted.
+/// As [`images_and_scene_of`].
 pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, PlanError> {
+    Ok(images_and_scene_of(plan, progress)?.1)
+}
+
+/// The images of a finished plan, and the scene that it was planned on.
+///
+/// # Errors
+/// [`PlanError`] for images that are missing or cannot be read or trusted.
+pub fn images_and_scene_of(
+    plan: &StoredPlan,
+    progress: &dyn Progress,
+) -> Result<(CaseImages, Scene), PlanError> {
     let case = &channel::scene_case_of(&plan.record);
     progress.stage("read images");
     let images = read_images(case, |path| plan.input_path(path))?;
     progress.stage("scene");
     let approach = ApproachSpec::Fixed(plan.record.frames.approach_direction);
-    make_scene_of(case, (images.target.clone(), approach), &images)
+    let scene = make_scene_of(case, (images.target.clone(), approach), &images)?;
+    Ok((images, scene))
 }
