@@ -227,6 +227,8 @@ pub enum ExportFormat {
     Urscript,
     /// For Cartesian machines
     Gcode,
+    /// A scene for 3D Slicer: the cavity, the rest of the target, path, forces and tool beside the CT, to look at
+    Slicer,
 }
 
 /// A finished plan.
@@ -254,7 +256,7 @@ pub struct ExportArgs {
     /// Format of the files
     #[arg(long)]
     pub format: ExportFormat,
-    /// Folder for the files, which are named after the plan
+    /// Folder for the files, which are named after the plan; slicer: a folder of its own, new, empty or an earlier scene
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
     /// Rows per second, at most those of the trajectory; by default chosen so that the burr stays on the trajectory

@@ -6,8 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use bonemill_planner::case::Spindle;
 use bonemill_planner::path::MoveKind;
+use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::{HoldPoint, Need, StoredPlan, hold_points, is_prosthesis, least_gaps, verified};
+use bonemill_planner::slicer::export;
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
+use bonemill_planner::{Progress, stages};
 use bonemill_prosthesis::JobRecord;
 use bonemill_robot::export::{
     Between, ExportRows, Gcode, GcodeMove, JointMove, ScriptHold, ScriptNotes, Tolerance, UrScript,
@@ -29,9 +32,12 @@ const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
 /// Largest deviation of the shaft's axis because of G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
 const LEFT_OUT_RAD: f64 = 5e-4;
 
-pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
+pub fn run(args: &ExportArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     if is_prosthesis(&args.folder.plan).is_ok() {
         return prosthesis(args);
+    }
+    if args.format == ExportFormat::Slicer {
+        return slicer(args, progress);
     }
     let plan = args.folder.load(Need::Unchanged)?;
     let name =
@@ -52,6 +58,21 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
         written.push(format!("{} ({:.1} MB)", path.display(), 1e-6 * bytes.len() as f64));
     }
     Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
+}
+
+/// Writes a scene to look at, which moves nothing: a plan that is not verified is exported too, and the scene says so.
+fn slicer(args: &ExportArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
+    ensure!(
+        !args.rapid && args.rate_hz.is_none(),
+        "--rapid and --rate have no meaning for a scene of 3D Slicer"
+    );
+    progress.expect(&[&[stages::READ_PLAN], stages::SLICER, &[stages::WRITE_FILES]].concat());
+    progress.stage("read plan");
+    let plan = args.folder.load(Need::All)?;
+    let refused = |error| Refused::new(error, &plan.record.case, &plan.case_path());
+    let dir = export(&plan, &args.out, progress).map_err(refused)?;
+    let what = "open plan.mrml in 3D Slicer";
+    Ok(Outcome::written("export", &dir, what).warning(&plan.record.warnings))
 }
 
 /// Copies the program of a prosthesis, which is written as G-code when it is planned.
@@ -165,6 +186,7 @@ fn files(
             write_urscript(&mut script, &rows, &options, &aside_mm, notes)?;
             vec![("script", script)]
         }
+        ExportFormat::Slicer => Vec::new(),
         ExportFormat::Gcode => {
             ensure!(
                 is_cartesian(plan.arm.joints()),

@@ -83,7 +83,7 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Plan(plan) => plan::run(plan, console),
         Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
         Command::Stock(stock) => stock::run(stock),
-        Command::Export(export) => export::run(export),
+        Command::Export(export) => export::run(export, console),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
         #[cfg(not(feature = "rerun"))]

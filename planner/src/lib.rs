@@ -23,4 +23,4 @@ pub use bonemill_simulate as simulate;
 pub use bonemill_toolpath::scene;
 pub use bonemill_toolpath::{access, engagement, orientation, path, space};
 pub use bonemill_verify::{self as verify, uncertainty};
-pub use pages::{compare, report, run, save, show, stream_input};
+pub use pages::{compare, report, run, save, show, slicer, stream_input};

@@ -56,6 +56,8 @@ pub const SIMULATE: &[Stage] =
     &[("read images", 1), ("scene", 4), ("forward kinematics", 6), ("simulate", 13), ("distances", 1)];
 /// [`crate::simulate::simulate`] of a channel.
 pub const SIMULATE_CHANNEL: &[Stage] = &[("read images", 1), ("forward kinematics", 2), ("simulate", 1)];
+/// [`crate::slicer::export`], but for its files.
+pub const SLICER: &[Stage] = &[("read images", 1), ("scene", 5), ("removal", 1), ("causes of the rest", 5)];
 /// A burr's coefficients from a log.
 pub const CALIBRATE: &[Stage] = &[("read images", 1), ("scene", 5), ("mill along the log", 20), ("fit", 5)];
 

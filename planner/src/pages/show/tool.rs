@@ -79,7 +79,7 @@ impl ShownTool {
     }
 
     /// The waypoint on the way to which each voxel's centre is first removed; [`NEVER`] where none is.
-    pub(super) fn removal(&self, grid: &Grid<Work>, path: &[Point<Work>]) -> Vec<u32> {
+    pub(in crate::pages) fn removal(&self, grid: &Grid<Work>, path: &[Point<Work>]) -> Vec<u32> {
         if self.is_channel {
             return self.channel_removal(grid, path);
         }
