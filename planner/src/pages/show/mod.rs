@@ -27,7 +27,6 @@ pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
 pub use plot::{Curve, Plot};
 pub use slice::{PLANES, Plane, Slice};
 pub use surface::Surface;
-pub(in crate::pages) use surface::surface_around;
 pub use tool::ShownTool;
 
 use bonemill_geometry::Progress;

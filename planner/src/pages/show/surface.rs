@@ -49,7 +49,11 @@ impl ShownImages {
     pub fn target(&self, index: Option<u32>) -> Surface {
         let class = self.scene.class.data();
         let counts = |n: usize| class[n].is(Class::TARGET) && index.is_none_or(|i| self.removal[n] > i);
-        Surface::of(&surface_around(self.scene.class.grid(), counts))
+        let grid = self.scene.class.grid();
+        match coarse(grid) {
+            Some(cells) => Surface::of(&iso_surface(&shares(grid, &cells, counts), 0.5)),
+            None => Surface::default(),
+        }
     }
 
     /// The surface at `offset_mm` around the case's structure `n`, as far as it lies in the scene. It is interpolated between
@@ -63,14 +67,6 @@ impl ShownImages {
         let Some(distance_mm) = distance_only(&mask)? else { return Ok(Surface::default()) };
         let level_mm = offset_mm + 0.5 * self.pixel_mm();
         Ok(Surface::of(&iso_surface(&distance_mm.map(|d| -d), -level_mm as f32)))
-    }
-}
-
-/// The surface around the voxels for which `counts` is true, on cells of two voxels.
-pub(in crate::pages) fn surface_around(grid: &Grid<Work>, counts: impl Fn(usize) -> bool) -> Mesh<Work> {
-    match coarse(grid) {
-        Some(cells) => iso_surface(&shares(grid, &cells, counts), 0.5),
-        None => Mesh { vertices: Vec::new(), triangles: Vec::new() },
     }
 }
 

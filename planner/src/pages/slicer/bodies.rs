@@ -2,19 +2,21 @@
 
 use bonemill_cutting::cutter::SolidOfRevolution;
 use bonemill_cutting::stock::removal::NEVER;
-use bonemill_geometry::{Base, Ct, Frame, Lps, Mesh, Point, Rigid, Tool, basis};
+use bonemill_geometry::{Base, Ct, Frame, Grid, Lps, Mesh, Point, Rigid, Tool, Volume, Work, basis};
+use bonemill_imaging::surface::iso_surface;
 use bonemill_planfile::StoredPlan;
 use bonemill_setup::{ChannelFault, PlanError};
 use bonemill_toolpath::scene::{Class, Scene};
 use nalgebra::Unit;
 
-use crate::pages::show::{ShownTool, surface_around};
+use crate::pages::show::ShownTool;
 
 /// Facets around a solid of revolution.
 const FACETS: usize = 48;
-/// What stands for the arm's base: a disc around its origin with a rod along its z; heights and radii, mm.
+/// What stands for the arm's base: a disc around its origin with a rod along its z; heights and radii, mm. It is small, because an arm on the bone has its
+/// base at the target.
 const BASE_PROFILE_MM: [[f64; 2]; 6] =
-    [[0.0, 0.0], [0.0, 30.0], [8.0, 30.0], [8.0, 4.0], [60.0, 4.0], [60.0, 0.0]];
+    [[0.0, 0.0], [0.0, 15.0], [2.0, 15.0], [2.0, 2.0], [40.0, 2.0], [40.0, 0.0]];
 
 /// The surfaces by name. The tool stands where the motion begins; the base is there if the case says where it is.
 pub(super) fn bodies(
@@ -26,7 +28,7 @@ pub(super) fn bodies(
     let lps_from_ct = Rigid::<Lps, Ct>::lps_from_ct();
     let class = scene.class.data();
     let is_cut = |n: usize| removal[n] != NEVER && class[n].is(Class::TARGET);
-    let cavity = surface_around(scene.class.grid(), is_cut).transformed(&(lps_from_ct * scene.ct_from_work));
+    let cavity = smoothed(scene.class.grid(), is_cut).transformed(&(lps_from_ct * scene.ct_from_work));
     let mut bodies = vec![("cavity", cavity)];
     if let Some(first) = plan.waypoints.first() {
         let axes = basis::from_z(&Unit::new_normalize(first.axis));
@@ -39,6 +41,24 @@ pub(super) fn bodies(
         bodies.push(("arm_base", base.transformed(&(lps_from_ct * frames.base_from_ct.inverse()))));
     }
     Ok(bodies)
+}
+
+/// The surface around the voxels that count. It is flat where they end in a plane: at each of their corners the field is the share of the eight voxels
+/// there that count.
+fn smoothed(grid: &Grid<Work>, counts: impl Fn(usize) -> bool) -> Mesh<Work> {
+    let corners = grid.dims().map(|n| n + 1);
+    let Ok(corners) = Grid::new(corners, grid.spacing_mm(), *grid.axes(), grid.at([-0.5; 3]).coords) else {
+        return Mesh { vertices: Vec::new(), triangles: Vec::new() };
+    };
+    let mut share = Volume::filled(corners, 0f32);
+    for n in (0..grid.len()).filter(|n| counts(*n)) {
+        let voxel = grid.voxel(n);
+        for corner in 0..8 {
+            let at = share.grid().index([0, 1, 2].map(|a| voxel[a] + (corner >> a & 1)));
+            share.data_mut()[at] += 0.125;
+        }
+    }
+    iso_surface(&share, 0.5)
 }
 
 /// Cutter and shank, each a closed surface.

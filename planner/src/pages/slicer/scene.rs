@@ -144,6 +144,7 @@ impl Contents {
         for name in &self.bodies {
             let (colour, opacity) = match *name {
                 "cavity" => (CUT_COLOUR, "0.45"),
+                "arm_base" => (LINK_COLOUR, "0.35"),
                 _ => (LINK_COLOUR, "1"),
             };
             let colour = share(colour);

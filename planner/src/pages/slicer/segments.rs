@@ -28,6 +28,8 @@ const MOST_CAUSES: usize = 100;
 
 /// Colour of what is removed outside the target.
 const SWEEP_COLOUR: [u8; 3] = [255, 225, 25];
+/// Colours of the causes go from that of the target toward this one.
+const LAST_CAUSE_COLOUR: [u8; 3] = [0, 80, 160];
 /// That of bone in 3D Slicer.
 const BONE_COLOUR: [u8; 3] = [241, 214, 145];
 /// Bone by its SNOMED CT code, in the words of 3D Slicer's list of general anatomy.
@@ -71,9 +73,13 @@ impl Segments {
             .collect();
         for ((cause, voxels), label) in rest.iter().zip(FIRST_CAUSE..=u8::MAX) {
             voxels.iter().for_each(|n| planned[*n] = label);
-            let shade = |c: u8| (f64::from(c) * 0.8f64.powi(i32::from(label - FIRST_CAUSE))) as u8;
+            let part = f64::from(label - FIRST_CAUSE) / rest.len() as f64;
+            let shade = |a: usize| {
+                let [first, last] = [TARGET_COLOUR, LAST_CAUSE_COLOUR].map(|colour| f64::from(colour[a]));
+                (first + part * (last - first)) as u8
+            };
             let name = format!("not removed: {cause}");
-            list.push(segment(label, &format!("rest_{label}"), &name, TARGET_COLOUR.map(shade)));
+            list.push(segment(label, &format!("rest_{label}"), &name, [0, 1, 2].map(shade)));
         }
         let first = FIRST_CAUSE + rest.len() as u8;
         let structures: Vec<(u16, u8)> =
