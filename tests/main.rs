@@ -33,6 +33,7 @@ mod same_plan;
 mod scan_edge;
 mod shortfalls;
 mod simulate;
+mod slicer;
 mod thin_bone;
 mod tidy;
 mod travel;
