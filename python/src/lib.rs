@@ -21,6 +21,7 @@ mod plan;
 mod prosthesis;
 mod show;
 mod simulate;
+mod slicer;
 mod stream;
 mod values;
 mod verdict;
@@ -50,6 +51,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(verdict::verified, m)?)?;
     m.add_function(wrap_pyfunction!(calibrate::calibrate, m)?)?;
     m.add_function(wrap_pyfunction!(show::show, m)?)?;
+    m.add_function(wrap_pyfunction!(slicer::to_slicer, m)?)?;
     m.add_function(wrap_pyfunction!(phantoms::write_phantom, m)?)?;
     m.add_function(wrap_pyfunction!(fields::distance_transform, m)?)?;
     m.add_function(wrap_pyfunction!(fields::ball_volumes, m)?)?;

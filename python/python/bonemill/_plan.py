@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import _arrays, _folders, _native
 from ._arm import Arm
 from ._case import Case
-from ._errors import ArrayError
+from ._errors import ArrayError, PlanFileError
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
@@ -122,6 +122,35 @@ class Plan:
         """
         in_memory = self._case is not None and self._case._folder is not None
         return self._made.save(Path(path), pack or self._pack, in_memory)
+
+    def to_slicer(self, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
+        """Writes the plan as files for 3D Slicer; opening ``plan.mrml`` there shows them beside the case's CT.
+
+        What ``bonemill export --format slicer`` writes: ``plan.seg.nrrd`` and ``plan.nii.gz`` (cavity, bone removed outside the
+        target, bone that remains, rest of the target by cause, structures, uint8 [i, j, k] on the CT's grid), surfaces as STL, path, way in
+        and holds as ``.mrk.json`` with speed (mm/s) and force (N) at each point, and ``forces.vtk``. Positions in the files are LPS, mm.
+
+        Args:
+            path: the folder to write, whole or not at all; an earlier scene is replaced, anything else is refused.
+            progress: told ``(stage, done, of)``; what it raises stops the work.
+
+        Returns:
+            The folder, absolute.
+
+        Raises:
+            PlanFileError: the folder holds something else or cannot be written, an input is missing or changed, or the plan's images are in
+                memory, so that the scene would refer to nothing.
+            ImageError, PlanError: the images cannot be read or trusted.
+        """
+        from ._judge import _on_disk
+
+        own = None if self._folder is None else Path(self._folder.name, "plan", "inputs")
+        if (self._case is not None and self._case._folder is not None) or (own is not None and own.is_dir()):
+            raise PlanFileError(
+                "the plan's images are in memory, and a scene refers to the CT's file: use Plan.load(plan.save(folder)).to_slicer(…)"
+            )
+        with _on_disk(self, False) as saved:
+            return _native.to_slicer(self._made, saved, Path(path), progress)
 
     @property
     def missing_inputs(self) -> list[str]:
