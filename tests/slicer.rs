@@ -93,11 +93,11 @@ fn from_path(plan: &StoredPlan, p: Vector3<f64>) -> f64 {
 }
 
 /// Label of the body at a point of the world.
-fn label_at(labels: &Image, p: [f64; 3]) -> f32 {
+fn label_at(labels: &Image, p: [f64; 3]) -> u16 {
     let index = [0, 1, 2].map(|a| ((p[a] - labels.affine[a][3]) / labels.affine[a][a]).round());
     let inside = (0..3).all(|a| index[a] >= 0.0 && index[a] < labels.dims[a] as f64);
     let [i, j, k] = index.map(|v| v as usize);
-    if inside { labels.values[i + labels.dims[0] * (j + labels.dims[1] * k)] } else { 0.0 }
+    if inside { labels.values[i + labels.dims[0] * (j + labels.dims[1] * k)] as u16 } else { 0 }
 }
 
 #[test]
@@ -123,6 +123,7 @@ fn every_voxel_is_what_the_plan_makes_of_it_on_the_grid_of_the_ct() {
     assert_eq!(head["Segment0_ID"], "cavity");
     assert!(head["Segment2_Tags"].contains("SCT^272673000^Bone"));
     let labels = body::labels();
+    let [pocket, rod] = [body::TARGET, body::NERVE].map(|label| label as u16);
     // a border may lie half a voxel of the planning grid off
     let unsure_mm = 0.5 * 3f64.sqrt() * plan.record.case.grid.spacing_mm;
     let mut seen = BTreeMap::new();
@@ -136,12 +137,12 @@ fn every_voxel_is_what_the_plan_makes_of_it_on_the_grid_of_the_ct() {
         let (label, removed) = (label_at(&labels, p), off_mm < BURR_MM);
         let is_bone = ct.values[n] >= 200.0;
         let expected = match label {
-            _ if removed && label == body::TARGET => Some(cavity),
+            _ if removed && label == pocket => Some(cavity),
             _ if removed && is_bone => Some(sweep),
             _ if removed => Some(0),
-            _ if label == body::NERVE => Some(nerve),
+            _ if label == rod => Some(nerve),
             // for one of the causes
-            _ if label == body::TARGET => None,
+            _ if label == pocket => None,
             _ if is_bone => Some(bone),
             _ => Some(0),
         };

@@ -30,13 +30,13 @@ pub fn save(
     staged.write(record::FILE_NAME, &record.to_toml()?)?;
     let part = staged.path().join(PART);
     std::fs::write(&part, stl_bytes(&plan.part)).map_err(PlanFileError::io("write", part))?;
-    staged.write(TOOLPATH, &toolpath_csv::text(&plan.machining.moves))?;
+    staged.write(TOOLPATH, toolpath_csv::text(&plan.machining.moves))?;
     staged.write(PROGRAM, &plan.program)?;
     if let Some(robot) = &plan.robot {
         let path = staged.path().join(TRAJECTORY);
         std::fs::write(&path, &robot.csv).map_err(PlanFileError::io("write", path))?;
     }
-    staged.write(REPORT, &report::html(plan, &record))?;
+    staged.write(REPORT, report::html(plan, &record))?;
     Ok(record)
 }
 

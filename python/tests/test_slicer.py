@@ -132,7 +132,7 @@ def test_vtk_reads_surfaces_and_forces_in_lps(planned: bonemill.Plan, scene: Pat
     corners, volume_mm3 = surface("cavity.stl")
     np.testing.assert_allclose(corners.min(0), [-7.0, -4.0, -4.0], atol=0.13)
     np.testing.assert_allclose(corners.max(0), [1.0, 4.0, 0.0], atol=0.13)
-    assert volume_mm3 == pytest.approx(planned.metrics["removed_mm3"], rel=0.005)
+    assert volume_mm3 == pytest.approx(planned.metrics["removed_mm3"], rel=0.02)
     # the tool stands where the motion begins
     first = planned.waypoints[0]
     start, axis = (LPS @ [first[f"{name}{end}"] for name in names] for names, end in ((("x", "y", "z"), "_mm"), (("axis_x", "axis_y", "axis_z"), "")))

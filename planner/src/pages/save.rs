@@ -21,7 +21,7 @@ use crate::pages::report;
 pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let (record, page) = rayon::join(
         || bonemill_pipeline::save(plan, case_path, staged),
-        || staged.write(REPORT, &report::html(plan)),
+        || staged.write(REPORT, report::html(plan)),
     );
     page?;
     record
@@ -36,7 +36,7 @@ pub fn channel(
     case_path: &Path,
     staged: &StagedDirectory,
 ) -> Result<PlanRecord, PlanFileError> {
-    staged.write(REPORT, &crate::pages::channel::html(plan))?;
+    staged.write(REPORT, crate::pages::channel::html(plan))?;
     bonemill_channel::save(plan, case_path, staged)
 }
 
