@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::formats::{ForeignFormat, NiftiProblem};
+use crate::formats::{DicomProblem, ForeignFormat, FormatProblem, NiftiProblem};
 use crate::hounsfield::{GreyKind, GreyRange};
 use crate::names::LabelNamesProblem;
 
@@ -49,6 +49,22 @@ pub enum ImageError {
         path: PathBuf,
         /// What is wrong with it.
         problem: NiftiProblem,
+    },
+    /// An NRRD or MetaImage file, or a folder of masks, cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Format {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: FormatProblem,
+    },
+    /// DICOM files cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Dicom {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with them.
+        problem: DicomProblem,
     },
     /// An image file cannot be written.
     #[error("{}: cannot be written: {problem}", path.display())]

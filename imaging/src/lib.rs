@@ -48,8 +48,10 @@ pub use density::DensityTable;
 pub use distance::{DistanceField, distance_only, distance_transform, distance_within};
 pub use error::ImageError;
 pub use formats::{
-    AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, ForeignFormat, Image, NiftiProblem,
-    Placement, Provenance, ReadWarning, SHEAR_LIMIT_RAD, SPACING_RANGE_MM, read_ct, read_labels,
+    AffineChoice, AffineFault, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, DicomProblem,
+    ForeignFormat, FormatProblem, Image, LabelMap, NiftiProblem, Placement, Provenance, ReadWarning,
+    SHEAR_LIMIT_RAD, SPACING_RANGE_MM, SeriesFound, Shared, read_ct, read_ct_series, read_label_map,
+    read_labels, whole,
 };
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use memory::available_memory_mb;

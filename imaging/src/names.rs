@@ -107,6 +107,18 @@ impl LabelNames {
             if *names_first.get_or_insert(name_first) != name_first {
                 return Err(LabelNamesProblem::Mixed { key });
             }
+            entries.push((number, name));
+        }
+        Self::new(entries)
+    }
+
+    /// Of numbers and names, in any order.
+    ///
+    /// # Errors
+    /// [`LabelNamesProblem::NameTwice`] and [`LabelNamesProblem::NumberTwice`] for the first that is not unique.
+    pub fn new(given: Vec<(u16, String)>) -> Result<Self, LabelNamesProblem> {
+        let mut entries: Vec<(u16, String)> = Vec::with_capacity(given.len());
+        for (number, name) in given {
             if let Some((first, _)) = entries.iter().find(|(_, n)| *n == name) {
                 return Err(LabelNamesProblem::NameTwice { first: *first, second: number, name });
             }

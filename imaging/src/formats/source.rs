@@ -9,7 +9,7 @@ use flate2::bufread::MultiGzDecoder;
 /// Number of first bytes, decompressed, by which formats are recognised.
 pub(super) const HEAD_BYTES: usize = 348;
 /// Deflate cannot expand by more (a stored byte gives at most 1032: zlib's technical notes, "Maximum Compression Factor").
-const MAX_EXPANSION: u64 = 1032;
+pub(super) const MAX_EXPANSION: u64 = 1032;
 
 /// A file that is read from its beginning to its end.
 pub(super) struct ImageSource {
@@ -38,6 +38,11 @@ impl FileExtent {
             None => self.file_bytes,
             Some(_) => self.file_bytes.saturating_mul(MAX_EXPANSION),
         }
+    }
+
+    /// Whether the whole file is compressed.
+    pub fn is_gzip(&self) -> bool {
+        self.gzip_size.is_some()
     }
 
     /// Whether the file's own size field agrees, so that memory may be reserved at once.

@@ -12,14 +12,22 @@ use proptest::prelude::*;
 use super::*;
 use crate::{write_ct_i16, write_labels_u8};
 
+mod dicom_file;
+mod dicom_tests;
 mod foreign_tests;
+mod label_tests;
+mod metaimage_tests;
+mod nrrd_tests;
 mod placement_tests;
+mod same_image_tests;
 
 const AUTO: AffineChoice = AffineChoice::Auto;
 
 fn affine<T>(image: &Image<T>) -> AffineReport {
-    let Placement::Nifti(report) = image.provenance.placement;
-    report
+    match image.provenance.placement {
+        Placement::Nifti(report) => report,
+        other => panic!("{other}"),
+    }
 }
 
 fn grid(turn: [f64; 3], mirror: bool) -> Grid<Ct> {
@@ -366,7 +374,7 @@ fn units_are_converted_to_mm() {
 fn what_is_no_volume_is_refused() {
     use NiftiProblem as P;
     assert!(matches!(problem(|b| put(b, 344, b"n+2\0")), P::Magic { found: [b'n', b'+', b'2', 0] }));
-    assert!(matches!(problem(|b| put(b, 344, b"ni1\0")), P::Pair));
+    assert!(matches!(problem(|b| put(b, 344, b"ni1\0")), P::Pair { .. }));
     assert!(matches!(problem(|b| put(b, 0, &349i32.to_le_bytes())), P::NotNifti { sizeof_hdr: 349 }));
     assert!(matches!(problem(|b| put(b, 0, &540i32.to_le_bytes())), P::Nifti2));
     assert!(matches!(problem(|b| b.truncate(347)), P::NoHeader { found_bytes: 347 }));

@@ -12,10 +12,7 @@
 //! turn the rounding of b, c, d alone changes a by up to 10⁻³, which moves a corner of a large scan by a third of a voxel.
 //! A difference from the sform that this rounding can explain is not counted as a disagreement.
 //!
-//! Axes must be perpendicular, because the planner measures distances along a grid's axes. They may be off the right
-//! angle by [`SHEAR_LIMIT_RAD`]: direction cosines are often stored with only 4 to 6 digits, while a gantry tilt, the
-//! usual true shear, is 10⁻² rad or more. Then the nearest orthonormal axes are used, provided that they move no corner by
-//! more than 0.1 voxel.
+//! Axes must be perpendicular, up to rounding: `straight.rs` says how far.
 
 use std::fmt;
 
@@ -23,20 +20,12 @@ use bonemill_geometry::{Ct, Grid};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use nifti::NiftiHeader;
 
+use super::super::straight::{Affine, DISAGREEMENT_LIMIT_VOXELS};
 use super::problem::NiftiProblem;
 
-/// The largest distance between a corner's positions by sform and by qform, and the largest displacement of a corner when
-/// axes are made perpendicular, voxels.
-pub const DISAGREEMENT_LIMIT_VOXELS: f64 = 0.1;
-/// The largest deviation of axes from a right angle, rad.
-pub const SHEAR_LIMIT_RAD: f64 = 1e-3;
-/// Believable voxel sizes, mm: finer than any micro-CT of a bone to coarser than any planning scan.
-pub const SPACING_RANGE_MM: [f64; 2] = [1e-3, 20.0];
 /// The most by which rounding b, c, d to single precision changes b² + c² + d², with a margin for writers that also
 /// compute in single precision.
 const QUATERNION_ROUNDING: f64 = 5e-7;
-/// Axes that span less than this share of a box's volume are singular, not sheared.
-const SINGULAR: f64 = 1e-3;
 
 /// Which transform of an image header to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,32 +82,6 @@ impl fmt::Display for AffineReport {
     }
 }
 
-/// The affine map from voxel index to `ct`, mm.
-#[derive(Debug, Clone, Copy)]
-struct Placement {
-    linear: Matrix3<f64>,
-    offset: Vector3<f64>,
-}
-
-impl Placement {
-    fn at(&self, index: Vector3<f64>) -> Vector3<f64> {
-        self.linear * index + self.offset
-    }
-
-    fn spacing_mm(&self) -> Vector3<f64> {
-        Vector3::from_fn(|a, _| self.linear.column(a).norm())
-    }
-
-    /// Largest distance between the two positions of a corner of the volume, in units of this placement's smallest spacing.
-    fn corner_distance_voxels(&self, other: &Self, dims: [usize; 3]) -> f64 {
-        let corner =
-            |n: usize| Vector3::from_fn(|a, _| if n >> a & 1 == 0 { -0.5 } else { dims[a] as f64 - 0.5 });
-        let largest_mm =
-            (0..8).map(|n| (self.at(corner(n)) - other.at(corner(n))).norm()).fold(0.0, f64::max);
-        largest_mm / self.spacing_mm().min()
-    }
-}
-
 /// The grid that `header` places in `ct`. `mm_per_unit` converts the header's unit of length.
 ///
 /// # Errors
@@ -135,10 +98,12 @@ pub(crate) fn grid_from_header(
         AffineSource::Sform => sform(header, mm_per_unit)?,
         AffineSource::Qform => qform(header, mm_per_unit, None)?,
     };
-    let (spacing_mm, axes, shear_rad) = straighten(&placement, dims, source)?;
+    let (grid, shear_rad) = placement.grid(dims).map_err(|fault| NiftiProblem::from_affine(source, fault))?;
 
     let other = match source {
-        AffineSource::Sform if qform_code > 0 => Some(qform(header, mm_per_unit, Some(real_part(&axes)))),
+        AffineSource::Sform if qform_code > 0 => {
+            Some(qform(header, mm_per_unit, Some(real_part(grid.axes()))))
+        }
         AffineSource::Qform if sform_code > 0 => Some(sform(header, mm_per_unit)),
         _ => None,
     };
@@ -157,21 +122,20 @@ pub(crate) fn grid_from_header(
     if choice == AffineChoice::Auto {
         check_sizes(header, &placement, dims, mm_per_unit)?;
     }
-    let grid = Grid::new(dims, spacing_mm, axes, placement.offset)?;
     Ok((grid, AffineReport { source, sform_code, qform_code, disagreement_voxels, shear_rad }))
 }
 
 /// Refuses voxel sizes that contradict pixdim: a qform's are pixdim itself, a sform's are the lengths of its columns.
 fn check_sizes(
     header: &NiftiHeader,
-    placement: &Placement,
+    placement: &Affine,
     dims: [usize; 3],
     mm_per_unit: f64,
 ) -> Result<(), NiftiProblem> {
     let pixdim_mm = Vector3::from_fn(|a, _| f64::from(header.pixdim[a + 1]) * mm_per_unit);
     let affine_mm = placement.spacing_mm();
     let scale = Matrix3::from_diagonal(&pixdim_mm.component_div(&affine_mm));
-    let by_pixdim = Placement { linear: placement.linear * scale, offset: placement.offset };
+    let by_pixdim = Affine { linear: placement.linear * scale, offset: placement.offset };
     let voxels = placement.corner_distance_voxels(&by_pixdim, dims);
     // a pixdim that is no size at all contradicts, too
     if pixdim_mm.iter().all(|mm| *mm > 0.0) && voxels <= DISAGREEMENT_LIMIT_VOXELS {
@@ -195,12 +159,12 @@ fn chosen(choice: AffineChoice, sform_code: i16, qform_code: i16) -> Result<Affi
     }
 }
 
-fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProblem> {
+fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Affine, NiftiProblem> {
     let rows = [header.srow_x, header.srow_y, header.srow_z];
     if rows.iter().flatten().any(|v| !v.is_finite()) {
         return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Sform });
     }
-    Ok(Placement {
+    Ok(Affine {
         linear: Matrix3::from_fn(|r, c| f64::from(rows[r][c]) * mm_per_unit),
         offset: Vector3::from_fn(|r, _| f64::from(rows[r][3]) * mm_per_unit),
     })
@@ -215,7 +179,7 @@ fn real_part(axes: &Matrix3<f64>) -> f64 {
 
 /// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. b, c and d are rounded, so a
 /// is known only within a range; if `real_part` is given, the value of that range nearest to it is taken.
-fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Placement, NiftiProblem> {
+fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Affine, NiftiProblem> {
     let vector = Vector3::new(header.quatern_b, header.quatern_c, header.quatern_d).map(f64::from);
     let offset = Vector3::new(header.quatern_x, header.quatern_y, header.quatern_z).map(f64::from);
     let pixdim: [f32; 3] = std::array::from_fn(|a| header.pixdim[a + 1]);
@@ -236,49 +200,8 @@ fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Resu
     // qfac 0 means +1
     let qfac = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
     let scale = Vector3::new(size.x, size.y, size.z * qfac) * mm_per_unit;
-    Ok(Placement {
+    Ok(Affine {
         linear: rotation.into_inner() * Matrix3::from_diagonal(&scale),
         offset: offset * mm_per_unit,
     })
-}
-
-/// Spacing, the nearest orthonormal axes, and the shear that was removed, rad.
-fn straighten(
-    placement: &Placement,
-    dims: [usize; 3],
-    which: AffineSource,
-) -> Result<(Vector3<f64>, Matrix3<f64>, f64), NiftiProblem> {
-    let spacing_mm = placement.spacing_mm();
-    let relative_volume = (placement.linear.determinant() / spacing_mm.product()).abs();
-    // it is NaN when an axis has length 0
-    if relative_volume.is_nan() || relative_volume < SINGULAR {
-        return Err(NiftiProblem::AffineSingular { which, relative_volume: relative_volume.max(0.0) });
-    }
-    let range_mm = SPACING_RANGE_MM;
-    if spacing_mm.min() < range_mm[0] || spacing_mm.max() > range_mm[1] {
-        return Err(NiftiProblem::Spacing { which, spacing_mm: spacing_mm.into(), range_mm });
-    }
-    let unit = Matrix3::from_fn(|r, c| placement.linear[(r, c)] / spacing_mm[c]);
-    let off_rad = [(0, 1), (0, 2), (1, 2)]
-        .map(|(a, b)| unit.column(a).dot(&unit.column(b)).abs().min(1.0).asin())
-        .into_iter()
-        .fold(0.0, f64::max);
-    let axes = nearest_orthonormal(unit);
-    let straight = Placement { linear: axes * Matrix3::from_diagonal(&spacing_mm), offset: placement.offset };
-    let off_voxels = placement.corner_distance_voxels(&straight, dims);
-    if off_rad > SHEAR_LIMIT_RAD || off_voxels > DISAGREEMENT_LIMIT_VOXELS {
-        return Err(NiftiProblem::Shear { which, off_rad, limit_rad: SHEAR_LIMIT_RAD, off_voxels });
-    }
-    Ok((spacing_mm, axes, off_rad))
-}
-
-/// The orthogonal polar factor of a matrix that is nearly orthonormal, by Newton's iteration, which converges
-/// quadratically. A mirrored matrix stays mirrored.
-fn nearest_orthonormal(matrix: Matrix3<f64>) -> Matrix3<f64> {
-    let mut m = matrix;
-    for _ in 0..12 {
-        let Some(inverse) = m.try_inverse() else { break };
-        m = (m + inverse.transpose()) * 0.5;
-    }
-    m
 }

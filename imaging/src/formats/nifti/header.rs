@@ -6,27 +6,25 @@
 use nifti::{Endianness, NiftiHeader, NiftiType};
 
 use super::super::ReadWarning;
+use super::super::stored::{MAX_VOXELS, NumberType, Stored};
 use super::problem::NiftiProblem;
 
 /// Bytes of a NIfTI-1 header.
 pub(crate) const HEADER_BYTES: usize = 348;
 /// The first byte at which voxels may start: header and extension flag.
 const FIRST_DATA_BYTE: f32 = 352.0;
-/// 2³¹ voxels are 8 GiB of grey values: more than any scan used for planning, and half of what 32-bit voxel numbers reach.
-const MAX_VOXELS: u64 = 1 << 31;
 
 /// How the voxels are stored.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Layout {
     /// Voxels along i, j, k.
     pub dims: [usize; 3],
-    pub voxel_type: NiftiType,
-    pub big_endian: bool,
+    pub stored: Stored,
     /// Byte at which the voxels start, from the beginning of the decompressed file.
     pub data_offset: u64,
-    /// value = slope · stored + intercept; `None` when values are stored as they are.
-    pub scaling: Option<[f64; 2]>,
     pub mm_per_unit: f64,
+    /// Whether the voxels are in a file beside the header's.
+    pub is_pair: bool,
 }
 
 impl Layout {
@@ -35,14 +33,7 @@ impl Layout {
     }
 
     pub fn data_bytes(&self) -> u64 {
-        self.voxels() * self.voxel_type.size_of() as u64
-    }
-
-    /// Voxel (i, j, k) with the given number in the file.
-    pub fn voxel(&self, place: u64) -> [usize; 3] {
-        let place = place as usize;
-        let [nx, ny, _] = self.dims;
-        [place % nx, place / nx % ny, place / (nx * ny)]
+        self.voxels() * self.stored.number.bytes() as u64
     }
 }
 
@@ -56,11 +47,11 @@ pub(crate) type Parsed = (NiftiHeader, Layout, Vec<ReadWarning>);
 pub(crate) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Parsed, NiftiProblem> {
     let big_endian = endianness(bytes)?;
     let magic = [bytes[344], bytes[345], bytes[346], bytes[347]];
-    match &magic {
-        b"n+1\0" => {}
-        b"ni1\0" => return Err(NiftiProblem::Pair),
+    let is_pair = match &magic {
+        b"n+1\0" => false,
+        b"ni1\0" => true,
         _ => return Err(NiftiProblem::Magic { found: magic }),
-    }
+    };
     // the standard defines them as signed
     let dim: [i16; 8] = std::array::from_fn(|n| {
         let pair = [bytes[40 + 2 * n], bytes[41 + 2 * n]];
@@ -75,11 +66,14 @@ pub(crate) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Parsed, NiftiProblem> 
     let mut warnings = Vec::new();
     let layout = Layout {
         dims,
-        voxel_type: voxel_type(&header)?,
-        big_endian,
-        data_offset: data_offset(header.vox_offset)?,
-        scaling: scaling(&header, &mut warnings)?,
+        stored: Stored {
+            number: number_type(&header)?,
+            big_endian,
+            scaling: scaling(&header, &mut warnings)?,
+        },
+        data_offset: data_offset(header.vox_offset, if is_pair { 0.0 } else { FIRST_DATA_BYTE })?,
         mm_per_unit: mm_per_unit(&header, &mut warnings)?,
+        is_pair,
     };
     if layout.voxels() > MAX_VOXELS {
         return Err(NiftiProblem::TooLarge { dims, voxels: layout.voxels(), limit: MAX_VOXELS });
@@ -119,27 +113,35 @@ fn volume_dims(dim: [i16; 8]) -> Result<[usize; 3], NiftiProblem> {
     Ok([sizes[0] as usize, sizes[1] as usize, sizes[2] as usize])
 }
 
-fn voxel_type(header: &NiftiHeader) -> Result<NiftiType, NiftiProblem> {
-    use NiftiType::{Complex64, Complex128, Complex256, Float128, Rgb24, Rgba32};
+fn number_type(header: &NiftiHeader) -> Result<NumberType, NiftiProblem> {
     let code = header.datatype;
     let refuse = |name| Err(NiftiProblem::VoxelType { code, name });
-    let voxel_type = match header.data_type() {
+    let number = match header.data_type() {
+        Ok(NiftiType::Uint8) => NumberType::U8,
+        Ok(NiftiType::Int8) => NumberType::I8,
+        Ok(NiftiType::Uint16) => NumberType::U16,
+        Ok(NiftiType::Int16) => NumberType::I16,
+        Ok(NiftiType::Uint32) => NumberType::U32,
+        Ok(NiftiType::Int32) => NumberType::I32,
+        Ok(NiftiType::Uint64) => NumberType::U64,
+        Ok(NiftiType::Int64) => NumberType::I64,
+        Ok(NiftiType::Float32) => NumberType::F32,
+        Ok(NiftiType::Float64) => NumberType::F64,
+        Ok(NiftiType::Rgb24 | NiftiType::Rgba32) => return refuse("colour"),
+        Ok(NiftiType::Complex64 | NiftiType::Complex128 | NiftiType::Complex256) => return refuse("complex"),
+        Ok(NiftiType::Float128) => return refuse("128-bit float"),
         Err(_) => return refuse("unknown"),
-        Ok(Rgb24 | Rgba32) => return refuse("colour"),
-        Ok(Complex64 | Complex128 | Complex256) => return refuse("complex"),
-        Ok(Float128) => return refuse("128-bit float"),
-        Ok(scalar) => scalar,
     };
-    let expected = voxel_type.size_of() * 8;
+    let expected = number.bytes() * 8;
     if usize::try_from(header.bitpix) != Ok(expected) {
         return Err(NiftiProblem::Bits { bitpix: header.bitpix, code, expected });
     }
-    Ok(voxel_type)
+    Ok(number)
 }
 
-fn data_offset(vox_offset: f32) -> Result<u64, NiftiProblem> {
+fn data_offset(vox_offset: f32, least: f32) -> Result<u64, NiftiProblem> {
     // single precision holds whole numbers exactly up to 2^24; NaN fails the comparison
-    if !(vox_offset >= FIRST_DATA_BYTE && vox_offset <= (1 << 24) as f32 && vox_offset.fract() == 0.0) {
+    if !(vox_offset >= least && vox_offset <= (1 << 24) as f32 && vox_offset.fract() == 0.0) {
         return Err(NiftiProblem::VoxOffset { vox_offset });
     }
     Ok(vox_offset as u64)

@@ -1,4 +1,4 @@
-//! NIfTI-1: one file, plain or gzip.
+//! NIfTI-1: one file, plain or gzip, or a header (.hdr) with its voxels beside it (.img).
 //!
 //! The file is streamed: it is decompressed piece by piece and converted in place, so that little more than the result
 //! is ever in memory, and a header that announces more than the file can hold is refused before anything is
@@ -6,32 +6,31 @@
 //! what the header announces is found there.
 
 mod affine;
-mod decode;
 mod header;
+mod names;
 mod problem;
 
-use std::io::Read;
+use std::fs::File;
+use std::io::{self, Cursor, Read};
+use std::path::Path;
 
-use bonemill_geometry::{Volume, cancel};
+use bonemill_geometry::Volume;
 
 use super::source::{FileExtent, ImageSource, read_full};
+use super::stored::{Faults, Voxel, read_values, voxel};
 use super::{Image, Placement, Provenance, ReadWarning};
 
 use affine::grid_from_header;
-pub use affine::{
-    AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
-};
-use decode::decode;
-pub(super) use decode::{Faults, Voxel};
+pub use affine::{AffineChoice, AffineReport, AffineSource};
 use header::{HEADER_BYTES, Layout, parse};
+pub(super) use names::names;
 pub use problem::NiftiProblem;
 
-/// Bytes converted at a time; a multiple of every voxel size.
-const PIECE_BYTES: usize = 1 << 18;
 /// More bytes than this after the last voxel are no padding.
 const MAX_PADDING_BYTES: u64 = 4096;
 
-/// Reads a file; `faulty` says what is wrong with a voxel that cannot be a value, by its index and what was found.
+/// Reads a file, and the bytes of its extensions; `faulty` says what is wrong with a voxel that cannot be a value, by its index and
+/// what was found.
 ///
 /// # Errors
 /// [`NiftiProblem`] when it cannot be read or trusted.
@@ -39,29 +38,38 @@ pub(super) fn read<T: Voxel>(
     source: ImageSource,
     choice: AffineChoice,
     faulty: impl Fn([usize; 3], Faults) -> NiftiProblem,
-) -> Result<Image<T>, NiftiProblem> {
-    let ImageSource { path, head, mut rest, extent } = source;
+) -> Result<(Image<T>, Vec<u8>), NiftiProblem> {
+    let ImageSource { path, head, mut rest, mut extent } = source;
     let bytes: &[u8; HEADER_BYTES] =
         head.first_chunk().ok_or(NiftiProblem::NoHeader { found_bytes: head.len() })?;
     let (header, layout, mut warnings) = parse(bytes)?;
     let (grid, affine) = grid_from_header(&header, layout.dims, layout.mm_per_unit, choice)?;
+    let mut files = vec![path];
+    let mut left = layout.data_offset;
+    if layout.is_pair {
+        let image = image_beside(&files[0])?;
+        files.push(image.path);
+        (rest, extent) = (Box::new(Cursor::new(image.head).chain(image.rest)), image.extent);
+    } else {
+        left -= HEADER_BYTES as u64;
+    }
     check_extent(&extent, &layout)?;
 
-    skip(rest.as_mut(), &layout)?;
+    let extensions = skip(rest.as_mut(), left, &layout)?;
     let is_plausible = extent.is_plausible(layout.data_offset + layout.data_bytes());
-    let (values, faults) = read_voxels(rest.as_mut(), &layout, is_plausible)?;
+    let (values, faults) = read_values(rest.as_mut(), &layout.stored, layout.voxels(), is_plausible)?;
     let padding = read_rest(rest.as_mut())?;
     if padding > 0 {
         warnings.push(ReadWarning::Padding { bytes: padding });
     }
     if let Some(faults) = faults {
-        return Err(faulty(layout.voxel(faults.first), faults));
+        return Err(faulty(voxel(layout.dims, faults.first), faults));
     }
     let found_bytes = values.len() as u64;
     let volume = Volume::new(grid, values)
         .map_err(|_| NiftiProblem::Truncated { expected_bytes: layout.data_bytes(), found_bytes })?;
-    let provenance = Provenance { files: vec![path], placement: Placement::Nifti(affine) };
-    Ok(Image { volume, provenance, warnings })
+    let provenance = Provenance { files, placement: Placement::Nifti(affine) };
+    Ok((Image { volume, provenance, warnings }, extensions))
 }
 
 /// Refuses a header that announces more than the file can hold.
@@ -75,44 +83,31 @@ fn check_extent(extent: &FileExtent, layout: &Layout) -> Result<(), NiftiProblem
     Ok(())
 }
 
-/// Skips the extension flag, extensions and anything else before the first voxel.
-fn skip(source: &mut dyn Read, layout: &Layout) -> Result<(), NiftiProblem> {
-    let mut left = layout.data_offset - HEADER_BYTES as u64;
-    let mut buffer = [0; 4096];
-    while left > 0 {
-        let wanted = left.min(buffer.len() as u64) as usize;
-        if read_full(source, &mut buffer[..wanted])? < wanted {
-            return Err(NiftiProblem::Truncated { expected_bytes: layout.data_bytes(), found_bytes: 0 });
-        }
-        left -= wanted as u64;
+/// The file with the voxels of a pair: `scan.img` beside `scan.hdr`, compressed or not.
+fn image_beside(header: &Path) -> Result<ImageSource, NiftiProblem> {
+    let name = header.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".gz").unwrap_or(&name);
+    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
+    let [plain, zipped] = [".img", ".img.gz"].map(|end| header.with_file_name(format!("{stem}{end}")));
+    let path = if zipped.is_file() && !plain.is_file() { zipped } else { plain };
+    let open = |path: &Path| {
+        let file = File::open(path)?;
+        ImageSource::new(path, file)
+    };
+    if !path.is_file() {
+        let error = io::Error::from(io::ErrorKind::NotFound);
+        return Err(NiftiProblem::Pair { path, error });
     }
-    Ok(())
+    open(&path).map_err(|error| NiftiProblem::Pair { path, error })
 }
 
-fn read_voxels<T: Voxel>(
-    source: &mut dyn Read,
-    layout: &Layout,
-    reserve: bool,
-) -> Result<(Vec<T>, Option<Faults>), NiftiProblem> {
-    let mut values = Vec::new();
-    if reserve {
-        let bytes = layout.voxels() * size_of::<T>() as u64;
-        values.try_reserve_exact(layout.voxels() as usize).map_err(|_| NiftiProblem::Memory { bytes })?;
+/// The extension flag, extensions and anything else before the first voxel.
+fn skip(source: &mut dyn Read, bytes: u64, layout: &Layout) -> Result<Vec<u8>, NiftiProblem> {
+    let mut skipped = Vec::new();
+    if source.take(bytes).read_to_end(&mut skipped)? as u64 != bytes {
+        return Err(NiftiProblem::Truncated { expected_bytes: layout.data_bytes(), found_bytes: 0 });
     }
-    let (expected_bytes, mut done) = (layout.data_bytes(), 0u64);
-    let mut piece = vec![0; PIECE_BYTES];
-    let mut faults = None;
-    while done < expected_bytes {
-        cancel::poll();
-        let wanted = (expected_bytes - done).min(PIECE_BYTES as u64) as usize;
-        let found = read_full(source, &mut piece[..wanted])?;
-        if found < wanted {
-            return Err(NiftiProblem::Truncated { expected_bytes, found_bytes: done + found as u64 });
-        }
-        decode(layout, &piece[..wanted], &mut values, &mut faults);
-        done += wanted as u64;
-    }
-    Ok((values, faults))
+    Ok(skipped)
 }
 
 /// Reads to the end, for gzip's checksum; the number of bytes.

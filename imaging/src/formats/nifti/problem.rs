@@ -1,10 +1,13 @@
 //! What is wrong with an image file, each with the field, its value and what was expected.
 
 use std::io;
+use std::path::PathBuf;
 
 use bonemill_geometry::GridError;
 use thiserror::Error;
 
+use super::super::stored::StreamFault;
+use super::super::straight::{AffineFault, SHEAR_LIMIT_RAD, SPACING_RANGE_MM};
 use super::affine::AffineSource;
 
 /// Why a file cannot be used as an image for planning.
@@ -37,9 +40,14 @@ pub enum NiftiProblem {
         /// The four bytes.
         found: [u8; 4],
     },
-    /// The file is the header of a two-file image.
-    #[error("is the header of a .hdr/.img pair; expected a single .nii or .nii.gz file")]
-    Pair,
+    /// The file is the header of a two-file image, and the other file cannot be read.
+    #[error("is the header of a .hdr/.img pair, whose voxels in {} cannot be read: {error}", path.display())]
+    Pair {
+        /// Where the voxels should be.
+        path: PathBuf,
+        /// The system's reason.
+        error: io::Error,
+    },
     /// The dimensions make no volume.
     #[error("dim {dim:?}: expected 1 to 7 dimensions (first number), each at least 1")]
     Dims {
@@ -271,6 +279,22 @@ fn size_text(mm: &[f64; 3]) -> String {
     mm.map(|mm| (mm as f32).to_string()).join(" × ")
 }
 
+impl NiftiProblem {
+    /// Why one of the header's transforms gives no grid.
+    pub(super) fn from_affine(which: AffineSource, fault: AffineFault) -> Self {
+        match fault {
+            AffineFault::Singular { relative_volume } => Self::AffineSingular { which, relative_volume },
+            AffineFault::Spacing { spacing_mm } => {
+                Self::Spacing { which, spacing_mm, range_mm: SPACING_RANGE_MM }
+            }
+            AffineFault::Shear { off_rad, off_voxels } => {
+                Self::Shear { which, off_rad, limit_rad: SHEAR_LIMIT_RAD, off_voxels }
+            }
+            AffineFault::Grid(error) => Self::Grid(error),
+        }
+    }
+}
+
 impl From<io::Error> for NiftiProblem {
     fn from(error: io::Error) -> Self {
         // what a decoder finds wrong with its input; a disk has other words
@@ -279,6 +303,18 @@ impl From<io::Error> for NiftiProblem {
                 Self::Corrupt(error)
             }
             _ => Self::Unreadable(error),
+        }
+    }
+}
+
+impl From<StreamFault> for NiftiProblem {
+    fn from(fault: StreamFault) -> Self {
+        match fault {
+            StreamFault::Io(error) => error.into(),
+            StreamFault::Truncated { expected_bytes, found_bytes } => {
+                Self::Truncated { expected_bytes, found_bytes }
+            }
+            StreamFault::Memory { bytes } => Self::Memory { bytes },
         }
     }
 }

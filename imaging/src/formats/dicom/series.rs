@@ -1,0 +1,119 @@
+//! A CT from the files of one series, or from one file with many frames.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use bonemill_geometry::{Volume, cancel};
+use rayon::prelude::*;
+
+use super::super::{Image, Placement, Provenance, ReadWarning};
+use super::header::{Header, dicom_files, open};
+use super::pixels::{frame_bytes, numbers};
+use super::problem::{DicomProblem, SeriesFound};
+use super::stack::Stack;
+use crate::resample::AIR_HU;
+
+/// Reads the series in a folder, or the frames of a file; `chosen` is a SeriesInstanceUID.
+///
+/// # Errors
+/// [`DicomProblem`] when there is no series, or several without a choice, and when one cannot be read or trusted.
+pub(in super::super) fn read(path: &Path, chosen: Option<&str>) -> Result<Image<f32>, DicomProblem> {
+    let paths = if path.is_dir() { dicom_files(path) } else { vec![path.to_owned()] };
+    let read: Vec<Option<Header>> =
+        paths.par_iter().map(|path| Header::read(path)).collect::<Result<_, _>>()?;
+    let mut localizers = 0;
+    let mut series: BTreeMap<String, Vec<Header>> = BTreeMap::new();
+    for header in read.into_iter().flatten() {
+        if header.is_segmentation() {
+            continue;
+        }
+        if header.is_localizer {
+            localizers += 1;
+        } else {
+            series.entry(header.series.clone()).or_default().push(header);
+        }
+    }
+    // a series without any place, such as a screenshot
+    series.retain(|_, headers| headers.iter().any(|h| !h.frames.is_empty()));
+    let headers = choose(series, chosen)?;
+    let stack = Stack::new(&headers)?;
+    let mut warnings: Vec<ReadWarning> =
+        (localizers > 0).then_some(ReadWarning::Localizers { count: localizers }).into_iter().collect();
+    if headers.iter().any(|h| h.frames.iter().any(|f| f.rescale.is_none())) {
+        warnings.push(ReadWarning::RescaleAbsent);
+    }
+    let (values, padded) = pixels(&headers, &stack)?;
+    if padded > 0 {
+        warnings.push(ReadWarning::PixelPadding { voxels: padded });
+    }
+    let dims = stack.grid.dims();
+    let volume = Volume::new(stack.grid, values)
+        .map_err(|_| DicomProblem::Sizes { dims, limit: super::super::stored::MAX_VOXELS })?;
+    let mut files: Vec<PathBuf> = headers.into_iter().map(|h| h.path).collect();
+    files.sort();
+    Ok(Image { volume, provenance: Provenance { files, placement: Placement::Dicom }, warnings })
+}
+
+/// The series to read: the one that is there, or that of the case.
+fn choose(
+    mut series: BTreeMap<String, Vec<Header>>,
+    chosen: Option<&str>,
+) -> Result<Vec<Header>, DicomProblem> {
+    let found = || {
+        let entries = series.iter().filter_map(|(uid, headers)| {
+            let (first, slices) = (headers.first()?, headers.iter().map(|h| h.frames.len()).sum());
+            Some(SeriesFound { uid: uid.clone(), modality: first.modality.clone(), slices, size: first.size })
+        });
+        entries.collect::<Vec<_>>()
+    };
+    match chosen {
+        Some(uid) => {
+            let found = found();
+            series.remove(uid).ok_or_else(|| DicomProblem::SeriesAbsent { uid: uid.into(), found })
+        }
+        None if series.len() > 1 => Err(DicomProblem::SeveralSeries { found: found() }),
+        None => series.pop_first().map(|(_, headers)| headers).ok_or(DicomProblem::NoSeries),
+    }
+}
+
+/// Grey values of all slices, and how many were padding.
+fn pixels(headers: &[Header], stack: &Stack) -> Result<(Vec<f32>, u64), DicomProblem> {
+    let [columns, rows, slices] = stack.grid.dims();
+    let slice = columns * rows;
+    // the files hold the pixels: no header alone makes this large
+    check_sizes(headers, slice)?;
+    let mut values = vec![0f32; slice * slices];
+    let mut parts: Vec<Vec<(usize, &mut [f32])>> = headers.iter().map(|_| Vec::new()).collect();
+    for (part, (file, frame)) in values.chunks_exact_mut(slice).zip(&stack.slices) {
+        if let Some(of_file) = parts.get_mut(*file) {
+            of_file.push((*frame, part));
+        }
+    }
+    let fill = |(header, frames): (&Header, Vec<(usize, &mut [f32])>)| -> Result<u64, DicomProblem> {
+        cancel::poll();
+        let object = open(&header.path, true)?;
+        let mut padded = 0;
+        for (frame, part) in frames {
+            let bytes = frame_bytes(&object, header, frame)?;
+            let rescale = header.frames.get(frame).and_then(|f| f.rescale);
+            let [slope, intercept] = rescale.unwrap_or([1.0, 0.0]);
+            for (value, number) in part.iter_mut().zip(numbers(&bytes, &header.pixels)) {
+                let is_padding =
+                    header.pixels.padding.is_some_and(|[first, last]| (first..=last).contains(&number));
+                padded += u64::from(is_padding);
+                *value = if is_padding { AIR_HU as f32 } else { (slope * number as f64 + intercept) as f32 };
+            }
+        }
+        Ok(padded)
+    };
+    let padded = headers.par_iter().zip(parts).map(fill).collect::<Result<Vec<_>, _>>()?;
+    Ok((values, padded.iter().sum()))
+}
+
+/// Refuses slices that a file's length cannot hold, compressed or not.
+fn check_sizes(headers: &[Header], slice: usize) -> Result<(), DicomProblem> {
+    for header in headers {
+        super::pixels::check_size(header, slice)?;
+    }
+    Ok(())
+}
