@@ -105,6 +105,14 @@ pub fn looks_like_hu(ct: &Volume<f32, Ct>) -> Result<(), ImageError> {
     Err(ImageError::NotHounsfield { kind: kind(&range, least, air, metal), range })
 }
 
+/// Replaces what scanners write outside their field of view, values below −1500, by air; how many voxels.
+///
+/// It is done after [`looks_like_hu`], which does not take such values for air.
+pub fn padding_to_air(ct: &mut Volume<f32, Ct>) -> usize {
+    let padding = ct.data_mut().iter_mut().filter(|v| **v < PADDING_HU);
+    padding.map(|v| *v = crate::resample::AIR_HU).count()
+}
+
 /// What the values look like; `least` is the smallest value that is not padding.
 fn kind(range: &GreyRange, least: f32, air: f64, metal: f64) -> GreyKind {
     let within = |lo, hi| range.min >= lo && range.max <= hi;
@@ -170,6 +178,13 @@ mod tests {
         // a foam block without bone, with a few air cells; a cone-beam scan's air
         assert!(looks_like_hu(&volume(|n| if n % 1000 == 0 { -950.0 } else { -246.0 })).is_ok());
         assert!(looks_like_hu(&volume(|n| 0.7 * head(n))).is_ok());
+    }
+
+    #[test]
+    fn padding_becomes_air() {
+        let mut ct = volume(|n| [-3024.0, -2000.0, -1500.0, 40.0][n % 4]);
+        assert_eq!(padding_to_air(&mut ct), 32_000);
+        assert_eq!(ct.data()[..4], [-1000.0, -1000.0, -1500.0, 40.0]);
     }
 
     #[test]

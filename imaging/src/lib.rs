@@ -4,7 +4,7 @@
 //! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm. The frame `ct`
 //! is NIfTI's own world, RAS+; nothing is flipped.
 //!
-//! - files: [`read_ct`], [`read_labels`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`],
+//! - files: [`read_ct`], [`read_labels`], [`read_label_map`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`],
 //!   [`write_segments`], [`write_phantom`];
 //! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`];
 //! - distances on a grid: [`distance_transform`], [`distance_within`]; from any point: [`StructureField`].
@@ -53,7 +53,7 @@ pub use formats::{
     SHEAR_LIMIT_RAD, SPACING_RANGE_MM, SeriesFound, Shared, read_ct, read_ct_series, read_label_map,
     read_labels, whole,
 };
-pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
+pub use hounsfield::{GreyKind, GreyRange, looks_like_hu, padding_to_air};
 pub use memory::available_memory_mb;
 pub use names::{LabelNames, LabelNamesProblem, label_names_path, read_label_names};
 pub use resample::{AIR_HU, resample_hu, resample_hu_and_density, resample_nearest};

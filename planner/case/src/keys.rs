@@ -378,8 +378,9 @@ table! {
             "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√rank (priority over the smallest), then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "forces toward structures, see docs/results.md; mass: D eq. 13";
     }
     others {
-        CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";
-        LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map, NIfTI-1", "-";
+        CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT in HU: NIfTI-1, NRRD, MetaImage, or a folder with a DICOM series", "-";
+        CT_SERIES = "images.ct_series" "a SeriesInstanceUID", "none: the folder has one series", "which series, where images.ct is a folder with several", "-";
+        LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map: NIfTI-1, NRRD, MetaImage, 3D Slicer's .seg.nrrd, DICOM SEG, or a folder with one mask per structure", "-";
         TARGET_LABEL = "target.label" "a number from 1 to 65535 or a name of labels.json", "exactly one of label, box, ball, frustum", "the bone to be removed", "-";
         TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box, less every structure and its clearance_mm", "-";
         TARGET_BALL = "target.ball" "a table { center_mm, radius_mm }", "exactly one of label, box, ball, frustum", "the same in a ball", "-";
@@ -388,7 +389,8 @@ table! {
         TARGET_LESS = "target.less" "a list of tables { label | box | ball | frustum, margin_mm }", ABSENT, "labels and shapes that are taken away from all that: bone there is kept", "-";
         STRUCTURE = "structure" "tables [[structure]], or `structure = []` when there is nothing to spare", REQUIRED, "what must not be touched", "-";
         STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
-        STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";
+        STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535, or a name of labels.json or of the label file itself", "label or segment is required", "its label", "-";
+        STRUCTURE_SEGMENT = "structure.segment" "a name, in place of label", "label or segment is required", "the name of its segment in a .seg.nrrd or DICOM SEG, of its mask's file, or of its label in labels.json", "-";
         ENTRY_LABEL = "path.entry_label" "a number from 1 to 65535 or a name of labels.json", "none: anywhere on the bone", "with plunge or ream and no entry_mm: the channel leaves the bone in this label", "-";
         ENTRY_BALL = "path.entry_ball" "a table { center_mm, radius_mm }", "none: anywhere on the bone", "the same in a ball", "-";
         CHANNEL_DIRECTION = "path.direction" "`safest`, or [x, y, z] in ct, into the bone", "from entry_mm to target_mm where both are given; else required", "with plunge or ream: where the channel leads; `safest`: to target_mm, with the largest weighted clearance to every structure", "-";

@@ -15,6 +15,7 @@ mod job;
 mod keys;
 mod parse;
 mod parse_channel;
+mod parse_label;
 mod parse_robot;
 mod parse_tool;
 pub mod prosthesis;
@@ -119,6 +120,8 @@ pub struct Images {
     pub ct: PathBuf,
     /// The label map.
     pub labels: PathBuf,
+    /// SeriesInstanceUID of the CT in a folder with several DICOM series.
+    pub ct_series: Option<String>,
     /// Which affine to take from the CT.
     pub ct_affine: AffineChoice,
     /// Which affine to take from the label map.
@@ -136,12 +139,12 @@ pub struct Density {
     pub bone_hu: f64,
 }
 
-/// A label by its number, or by its name in the `labels.json` beside the map.
+/// A label by its number, or by its name in the map's own file or in the `labels.json` beside it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LabelRef {
     /// The value in the map.
     Number(u16),
-    /// The name in `labels.json`.
+    /// The name.
     Name(String),
 }
 

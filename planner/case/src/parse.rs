@@ -4,16 +4,17 @@ use std::path::{Path, PathBuf};
 
 use bonemill_imaging::DensityTable;
 use nalgebra::Vector3;
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
 use super::error::{CaseError, CaseFault, Located};
 use super::hold::read_holds;
 use super::keys::{self as k, Fallback, Number, Other, name_of};
 use super::parse_channel::read_channel;
+use super::parse_label::{read_label, read_segment};
 use super::parse_robot::read_robot;
 use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
-use super::walker::{Log, Walk, as_number, line_at};
+use super::walker::{Log, Walk, line_at};
 use super::{
     Accuracy, Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Level,
     MaterialSpec, Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec,
@@ -153,6 +154,7 @@ fn read_images(t: Walk<'_, '_>) -> Images {
     let images = Images {
         ct: PathBuf::from(t.required_text(&k::CT)),
         labels: PathBuf::from(t.required_text(&k::LABELS)),
+        ct_series: t.text(&k::CT_SERIES),
         ct_affine: t.choice(&k::CT_AFFINE, bonemill_imaging::AffineChoice::Auto),
         labels_affine: t.choice(&k::LABELS_AFFINE, bonemill_imaging::AffineChoice::Auto),
     };
@@ -187,31 +189,6 @@ fn read_density(log: &Log<'_>, t: Walk<'_, '_>) -> Density {
 fn harmless_table() -> DensityTable {
     #[expect(clippy::expect_used, reason = "two fixed rising points are a table")]
     DensityTable::new(&[-1000.0, 1000.0], &[0.0, 1.0]).expect("a table")
-}
-
-pub(super) fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
-    let harmless = LabelRef::Number(1);
-    match t.raw(of) {
-        None => {
-            t.refuse_missing(of);
-            harmless
-        }
-        Some(DeValue::String(name)) if !name.trim().is_empty() => LabelRef::Name(name.to_string()),
-        Some(value @ DeValue::Integer(_)) => {
-            let number = as_number(value).filter(|n| (1.0..=f64::from(u16::MAX)).contains(n));
-            number.map_or_else(
-                || {
-                    t.refuse(of, value);
-                    harmless
-                },
-                |n| LabelRef::Number(n as u16),
-            )
-        }
-        Some(value) => {
-            t.refuse(of, value);
-            harmless
-        }
-    }
 }
 
 /// The target, what it takes in besides and what is taken away, and the least share of it.
@@ -285,7 +262,7 @@ fn read_structure(t: Walk<'_, '_>, place: usize) -> Structure {
     }
     let structure = Structure {
         name,
-        label: read_label(&t, &k::STRUCTURE_LABEL),
+        label: read_segment(&t),
         clearance_mm: t.number(&k::CLEARANCE),
         priority: t.whole(&k::PRIORITY, u32::try_from(place + 1).unwrap_or(u32::MAX)),
         shank_clearance_mm: t.number(&k::SHANK_CLEARANCE),

@@ -9,7 +9,7 @@ use toml::de::DeValue;
 use super::error::CaseFault;
 use super::job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Pattern};
 use super::keys as k;
-use super::parse::read_label;
+use super::parse_label::read_label;
 use super::walker::{Walk, as_number};
 
 /// Feed per revolution without a key, mm.

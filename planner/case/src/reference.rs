@@ -112,7 +112,7 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\nalso = [{ label = 3 }]\nless = [{ label = 4 }]\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nct_series = \"1.2.3\"\nlabels = \"l\"\n[target]\nlabel = 1\nalso = [{ label = 3 }]\nless = [{ label = 4 }]\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
@@ -141,8 +141,14 @@ mod tests {
             assert!(documented.contains(&key.as_str()), "`{key}` is written but not documented");
         }
         // the other shapes of target and registration, and what is inside inline tables
-        let inside =
-            ["target.b", "target.f", "target.less.", "robot.base_from_ct.", "robot.flange_from_burr."];
+        let inside = [
+            "target.b",
+            "target.f",
+            "target.less.",
+            "structure.segment",
+            "robot.base_from_ct.",
+            "robot.flange_from_burr.",
+        ];
         // the other ways to say where a channel begins and ends and how fast it is, see parse_channel::tests
         let ways = ["path.entry_", "path.depth_mm", "path.contact_area_mm2", "path.feed_mm_s"];
         // and the tools that are no burr, see tool::tests

@@ -51,15 +51,14 @@ impl Case {
     }
 
     fn write_scene(&self, out: &mut Text) {
-        out.table(
-            "images",
-            &[
-                ("ct", text(&self.images.ct.to_string_lossy())),
-                ("labels", text(&self.images.labels.to_string_lossy())),
-                ("ct_affine", text(k::CT_AFFINE.word(self.images.ct_affine))),
-                ("labels_affine", text(k::LABELS_AFFINE.word(self.images.labels_affine))),
-            ],
-        );
+        let mut images = vec![
+            ("ct", text(&self.images.ct.to_string_lossy())),
+            ("labels", text(&self.images.labels.to_string_lossy())),
+            ("ct_affine", text(k::CT_AFFINE.word(self.images.ct_affine))),
+            ("labels_affine", text(k::LABELS_AFFINE.word(self.images.labels_affine))),
+        ];
+        images.extend(self.images.ct_series.as_deref().map(|uid| ("ct_series", text(uid))));
+        out.table("images", &images);
         out.table(
             "density",
             &[

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use bonemill_case::{Case, ChannelDirection, ChannelEnd, ChannelSpec, Entry};
 use bonemill_geometry::{Ct, Point};
-use bonemill_imaging::StructureField;
+use bonemill_imaging::{StructureField, whole};
 use bonemill_setup::inputs::{CaseImages, label_of};
 use bonemill_setup::{ChannelFault, PlanError};
 use nalgebra::{Unit, Vector3};
@@ -51,10 +51,10 @@ pub fn find(
     labels_path: &Path,
     tool: &ChannelTool,
 ) -> Result<FoundChannels, PlanError> {
-    let fields = images
-        .structures
-        .iter()
-        .map(|(_, label)| StructureField::new(&images.labels.volume, *label, None).map_err(PlanError::from));
+    let fields = images.structures.iter().map(|(_, label)| {
+        let own = whole(&images.labels.volume, &images.further, *label);
+        StructureField::new(&own, *label, None).map_err(PlanError::from)
+    });
     let fields = fields.collect::<Result<Vec<_>, _>>()?;
     let kept: Vec<KeptStructure<'_>> = fields
         .iter()
@@ -155,9 +155,10 @@ fn region<'a>(
     labels_path: &Path,
 ) -> Result<EntryRegion<'a>, PlanError> {
     Ok(match &spec.entry {
-        Entry::Label(label) => {
-            EntryRegion::Label(&images.labels.volume, label_of("path.entry_label", label, labels_path)?)
-        }
+        Entry::Label(label) => EntryRegion::Label(
+            &images.labels.volume,
+            label_of("path.entry_label", label, images, labels_path)?,
+        ),
         Entry::Ball { center_mm, radius_mm } => {
             EntryRegion::Ball { center: Point::from_coords(*center_mm), radius_mm: *radius_mm }
         }

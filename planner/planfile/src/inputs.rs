@@ -73,6 +73,14 @@ impl FoundInputs {
         self.found.iter().find(|(name, _)| name == path).map(|(_, place)| place.as_path())
     }
 
+    /// The folder where the inputs below the folder `path` of the case were found, if they were.
+    pub fn folder(&self, path: &Path) -> Option<&Path> {
+        self.found.iter().find_map(|(name, place)| {
+            let rest = name.strip_prefix(path).ok()?;
+            place.ancestors().nth(rest.components().count()).filter(|_| place.ends_with(rest))
+        })
+    }
+
     /// The inputs that were not found.
     pub fn missing(&self) -> &[MissingInput] {
         &self.missing

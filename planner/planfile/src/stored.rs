@@ -59,7 +59,7 @@ impl StoredPlan {
     /// The path of the input that the case names `path`: where it was found, else its path when the plan was made.
     pub fn input_path(&self, path: &Path) -> PathBuf {
         let recorded = || recorded_path(&self.dir, &self.record.case_file, path);
-        self.inputs.path(path).map_or_else(recorded, Path::to_owned)
+        self.inputs.path(path).or_else(|| self.inputs.folder(path)).map_or_else(recorded, Path::to_owned)
     }
 
     /// Every input, and its path.
@@ -77,7 +77,7 @@ impl StoredPlan {
         let names = label_names_path(&images.labels);
         let has_names = self.record.inputs.iter().any(|input| input.path == names);
         let needed = [&images.ct, &images.labels].into_iter().chain(has_names.then_some(&names));
-        needed.into_iter().all(|path| self.inputs.path(path).is_some())
+        needed.into_iter().all(|path| self.inputs.path(path).or_else(|| self.inputs.folder(path)).is_some())
     }
 
     /// The case's file.

@@ -63,16 +63,16 @@ pub enum PlanError {
         /// What is wrong with it.
         source: Box<MeshToolError>,
     },
-    /// A label is named that `labels.json` does not know.
-    #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
+    /// A label is named that the list of names does not have.
+    #[error("{key}: {} has no {name:?}{} it has: {}", list.display(),
         nearest.as_ref().map_or(";".into(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
     LabelName {
         /// The key in the case.
         key: String,
         /// The name.
         name: String,
-        /// The label map.
-        beside: PathBuf,
+        /// The label map, or the `labels.json` beside it.
+        list: PathBuf,
         /// The names that there are.
         known: Vec<String>,
         /// The one that it resembles.
@@ -275,8 +275,17 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
                 (false, true) => "images.labels_affine",
             }
         }
-        ImageError::Foreign { path, .. } if *path == folder.join(&case.images.ct) => "images.ct",
-        ImageError::Foreign { .. } | ImageError::LabelNames { .. } => "images.labels",
+        ImageError::Foreign { path, .. }
+        | ImageError::Format { path, .. }
+        | ImageError::Dicom { path, .. }
+            if *path == folder.join(&case.images.ct) =>
+        {
+            "images.ct"
+        }
+        ImageError::Foreign { .. }
+        | ImageError::Format { .. }
+        | ImageError::Dicom { .. }
+        | ImageError::LabelNames { .. } => "images.labels",
         ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
         _ => return None,
     };

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, nearest};
 use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_imaging::{
-    Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
-    read_label_names, read_labels,
+    Image, LabelMap, LabelNames, Placement, Provenance, available_memory_mb, label_names_path, looks_like_hu,
+    padding_to_air, read_ct_series, read_label_map, read_label_names,
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_toolpath::scene::{
@@ -39,6 +39,10 @@ pub struct CaseImages {
     pub ct: Image<f32>,
     /// Labels.
     pub labels: Image<u16>,
+    /// Further labels of its voxels, by their places in memory, where structures overlap.
+    pub further: Vec<(u32, u16)>,
+    /// Names of labels, and the file that holds them.
+    pub names: Option<(LabelNames, PathBuf)>,
     /// What is to be removed.
     pub target: Target<u16>,
     /// What belongs to it besides.
@@ -72,12 +76,18 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
     Ok((images, files))
 }
 
-/// An image's files as the case names them: below the folder that it names, or the file itself.
+/// An image's files as the case names them: below the folder that it names, the file itself, or beside it.
 fn named_files(named: &Path, folder: &Path, provenance: &Provenance) -> Vec<PathBuf> {
     let place = folder.join(named);
-    let name = |file: &PathBuf| match file.strip_prefix(&place) {
-        Ok(below) if !below.as_os_str().is_empty() => named.join(below),
-        _ => named.into(),
+    let beside = (place.parent(), named.parent());
+    let name = |file: &PathBuf| match (file.strip_prefix(&place), beside) {
+        (Ok(below), _) if !below.as_os_str().is_empty() => named.join(below),
+        (Ok(_), _) => named.into(),
+        // voxels in a file that a header names
+        (Err(_), (Some(place), Some(named))) => {
+            file.strip_prefix(place).map_or_else(|_| file.clone(), |rest| named.join(rest))
+        }
+        _ => file.clone(),
     };
     provenance.files.iter().map(name).collect()
 }
@@ -87,16 +97,19 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     let labels_path = place(&case.images.labels);
     let (ct, labels) = rayon::join(
         || -> Result<_, PlanError> {
-            let ct = read_ct(place(&case.images.ct), case.images.ct_affine)?;
+            let series = case.images.ct_series.as_deref();
+            let mut ct = read_ct_series(place(&case.images.ct), case.images.ct_affine, series)?;
             looks_like_hu(&ct.volume)?;
-            Ok(ct)
+            let padding = padding_to_air(&mut ct.volume);
+            Ok((ct, padding))
         },
         || -> Result<_, PlanError> {
             let names = read_label_names(place(&label_names_path(&case.images.labels)))?;
-            Ok((read_labels(&labels_path, case.images.labels_affine)?, names))
+            Ok((read_label_map(&labels_path, case.images.labels_affine)?, names))
         },
     );
-    let (ct, (labels, names)) = (ct?, labels?);
+    let ((ct, padding), (mut map, beside)) = (ct?, labels?);
+    let names = names_of(&mut map, beside, &labels_path);
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
     let target = case.target.with_label(|label| number("target.label".into(), label))?;
     let regions = |list: &str, regions: &[TargetRegion]| -> Result<Vec<_>, PlanError> {
@@ -110,34 +123,99 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
         .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
         .collect::<Result<Vec<_>, PlanError>>()?;
     labels_differ(&target, &also, &structures)?;
-    let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
-    Ok(CaseImages { ct, labels, target, also, less, structures, warnings })
+    let mut warnings: Vec<String> =
+        ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
+    if padding > 0 {
+        warnings.push(format!("{padding} voxels of the CT are below -1500 HU, outside the scanner's field of view: taken for air"));
+    }
+    warnings.extend(settle(&mut map, (&target, &also, &less), &structures));
+    let LabelMap { image: labels, further, .. } = map;
+    Ok(CaseImages { ct, labels, further, names, target, also, less, structures, warnings })
+}
+
+/// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that
+/// lies beside them may be another map's.
+fn names_of(
+    map: &mut LabelMap,
+    beside: Option<LabelNames>,
+    labels_path: &Path,
+) -> Option<(LabelNames, PathBuf)> {
+    let within = map.names.take().map(|names| (names, labels_path.to_owned()));
+    let beside = beside.map(|names| (names, label_names_path(labels_path)));
+    match map.image.provenance.placement {
+        Placement::Nifti(_) if map.image.provenance.files.len() == 1 => beside.or(within),
+        _ => within.or(beside),
+    }
+}
+
+/// Target, what belongs to it besides, and what is taken away.
+type Regions<'a> = (&'a Target<u16>, &'a [TargetRegion<u16>], &'a [TargetRegion<u16>]);
+
+/// Where labels share voxels a structure is shown first, then what is taken away from the target, then the target. What the user
+/// should know of it.
+fn settle(
+    map: &mut LabelMap,
+    (target, also, less): Regions<'_>,
+    structures: &[(String, u16)],
+) -> Vec<String> {
+    let of_label = |of: &Target<u16>, label| matches!(of, Target::Label(own) if *own == label);
+    let shared = map.settle(|label| {
+        if structures.iter().any(|(_, own)| *own == label) {
+            3
+        } else if less.iter().any(|region| of_label(&region.of, label)) {
+            2
+        } else {
+            u8::from(of_label(target, label) || also.iter().any(|region| of_label(&region.of, label)))
+        }
+    });
+    let voxel_mm3 = map.image.volume.grid().voxel_mm3();
+    let name = |label| structures.iter().find(|(_, own)| *own == label).map(|(name, _)| name);
+    let told = shared.iter().filter_map(|s| {
+        let mm3 = s.voxels as f64 * voxel_mm3;
+        match (name(s.shown), name(s.other)) {
+            (Some(a), Some(b)) => {
+                Some(format!("structures '{a}' and '{b}' share {mm3:.2} mm³, which belong to both"))
+            }
+            (Some(a), None) => Some(format!(
+                "structure '{a}' shares {mm3:.2} mm³ with label {}, which the structure keeps",
+                s.other
+            )),
+            _ => None,
+        }
+    });
+    told.collect()
 }
 
 /// The number of a label that the case names.
 ///
 /// # Errors
-/// [`PlanError::LabelName`] and [`PlanError::NoLabelNames`] for a name without number, [`PlanError::Image`].
-pub fn label_of(key: &str, label: &LabelRef, labels_path: &Path) -> Result<u16, PlanError> {
-    let names = read_label_names(label_names_path(labels_path))?;
-    label_number(key.into(), label, names.as_ref(), labels_path)
+/// [`PlanError::LabelName`] and [`PlanError::NoLabelNames`] for a name without number.
+pub fn label_of(
+    key: &str,
+    label: &LabelRef,
+    images: &CaseImages,
+    labels_path: &Path,
+) -> Result<u16, PlanError> {
+    label_number(key.into(), label, images.names.as_ref(), labels_path)
 }
 
 fn label_number(
     key: String,
     label: &LabelRef,
-    names: Option<&LabelNames>,
+    names: Option<&(LabelNames, PathBuf)>,
     labels_path: &Path,
 ) -> Result<u16, PlanError> {
     match label {
         LabelRef::Number(number) => Ok(*number),
         LabelRef::Name(name) => {
             let (name, beside) = (name.clone(), labels_path.to_owned());
-            let Some(names) = names else { return Err(PlanError::NoLabelNames { key, name, beside }) };
+            let Some((names, list)) = names else {
+                return Err(PlanError::NoLabelNames { key, name, beside });
+            };
             names.number(&name).ok_or_else(|| {
                 let known: Vec<String> = names.iter().map(|(_, known)| known.to_owned()).collect();
                 let nearest = nearest(&name, known.iter().map(String::as_str)).map(str::to_owned);
-                PlanError::LabelName { key, name, beside, known, nearest }
+                PlanError::LabelName { key, name, list: list.clone(), known, nearest }
             })
         }
     }
@@ -209,6 +287,7 @@ pub fn make_scene_of(
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
+        further: &inputs.further,
         labels_affine: case.images.labels_affine,
         target,
         also: &inputs.also,

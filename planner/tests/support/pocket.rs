@@ -43,6 +43,7 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
+        further: &[],
         labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
         also: &[],

@@ -6,7 +6,7 @@ use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
 use bonemill_imaging::{
     AffineChoice, DensityTable, Region, StructureField, distance_within, resample_hu_and_density,
-    resample_nearest,
+    resample_nearest, whole,
 };
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -31,6 +31,8 @@ pub struct SceneSpec<'a> {
     pub ct: &'a Volume<f32, Ct>,
     /// The label map, on its own grid.
     pub labels: &'a Volume<u16, Ct>,
+    /// Further labels of its voxels, by their places in memory.
+    pub further: &'a [(u32, u16)],
     /// Which transform of the label map the case chooses.
     pub labels_affine: AffineChoice,
     /// What to remove.
@@ -184,7 +186,8 @@ fn check_overlap(spec: &SceneSpec) -> Result<(), SceneError> {
 /// Every label that the case names is somewhere in the map.
 fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
     let mut present = vec![false; 1 << 16];
-    spec.labels.data().iter().for_each(|l| present[usize::from(*l)] = true);
+    let further = spec.further.iter().map(|(_, label)| label);
+    spec.labels.data().iter().chain(further).for_each(|l| present[usize::from(*l)] = true);
     let target = match spec.target {
         Target::Label(label) => Some(("the target".to_owned(), label)),
         _ => None,
@@ -292,7 +295,7 @@ fn structure_fields(spec: &SceneSpec, region: &Region) -> Result<Vec<SceneStruct
     spec.structures
         .par_iter()
         .map(|(name, label)| {
-            let field = StructureField::new(spec.labels, *label, Some(region))?;
+            let field = StructureField::new(&whole(spec.labels, spec.further, *label), *label, Some(region))?;
             Ok(SceneStructure { name: name.clone(), label: *label, field })
         })
         .collect()

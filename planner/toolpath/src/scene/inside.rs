@@ -6,7 +6,7 @@
 
 use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
-use bonemill_imaging::{AIR_HU, ImageError, Region, StructureField, distance_within, resample_hu};
+use bonemill_imaging::{AIR_HU, ImageError, Region, StructureField, distance_within, resample_hu, whole};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -36,7 +36,7 @@ impl Part {
         let field = match region.of {
             Target::Label(label) if region.margin_mm > 0.0 => {
                 let near = Region { reach_mm: region.margin_mm, ..*around };
-                StructureField::new(spec.labels, label, Some(&near))?
+                StructureField::new(&whole(spec.labels, spec.further, label), label, Some(&near))?
             }
             _ => None,
         };

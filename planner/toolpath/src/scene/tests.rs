@@ -70,6 +70,7 @@ impl Body {
         build_scene(&SceneSpec {
             ct: &self.ct,
             labels: &self.labels,
+            further: &[],
             labels_affine: self.labels_affine,
             target: self.target.clone(),
             also: &self.also,

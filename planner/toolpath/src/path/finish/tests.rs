@@ -34,6 +34,7 @@ fn scene(spacing_mm: f64) -> Scene {
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
+        further: &[],
         labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
         also: &[],

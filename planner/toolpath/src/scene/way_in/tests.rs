@@ -49,6 +49,7 @@ fn found_for(
     let spec = SceneSpec {
         ct: &ct,
         labels: &labels,
+        further: &[],
         labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
         also: &[],
