@@ -302,7 +302,7 @@ fn own_reader(source: &Source) -> Vec<String> {
     if !source.path.starts_with("planner/verify/") || source.is_test() {
         return vec![];
     }
-    let words = ["read_ct", "read_labels"];
+    let words = ["read_ct", "read_labels", "read_label_map", "LabelMap"];
     source
         .complain(|line| words.iter().find(|w| line.contains(**w)).map(|w| format!("`{w}` is the planner's")))
 }

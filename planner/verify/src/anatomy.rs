@@ -55,6 +55,10 @@ pub struct Anatomy {
     pub ct: Volume<f32, Ct>,
     /// Labels on their own grid.
     pub labels: Volume<u16, Ct>,
+    /// The map as each label sees it that shares voxels with others.
+    pub own_maps: Vec<(u16, Volume<u16, Ct>)>,
+    /// Numbers of names.
+    names: Names,
     /// What is to be removed.
     pub wanted: WantedTarget,
     /// What is to be removed besides.
@@ -78,8 +82,13 @@ impl Anatomy {
             || images::labels(&plan.input_path(&named.labels), named.labels_affine),
         );
         let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
-        let (ct, labels) = (ct?, labels?);
-        let number = |label: &LabelRef| number(label, names.as_ref());
+        let (ct, mut labels) = (ct?, labels?);
+        let names = Names {
+            within: std::mem::take(&mut labels.names),
+            beside: names,
+            is_segmentation: labels.is_segmentation,
+        };
+        let number = |label: &LabelRef| names.number(label);
         let wanted = |target: &Target| -> Result<WantedTarget, VerifyError> {
             Ok(match target {
                 Target::Label(label) => WantedTarget::Label(number(label)?),
@@ -98,15 +107,30 @@ impl Anatomy {
                 shank_clearance_mm: s.shank_clearance_mm,
             })
         });
-        let kept = kept.collect::<Result<_, VerifyError>>()?;
-        Ok(Self { ct, labels, wanted, also, less, kept })
+        let kept = kept.collect::<Result<Vec<_>, VerifyError>>()?;
+        let of_label =
+            |of: &WantedTarget, label: u16| matches!(of, WantedTarget::Label(own) if *own == label);
+        let in_regions = |of: &[WantedRegion], label| of.iter().any(|region| of_label(&region.wanted, label));
+        // a structure is kept before anything else, and what is left of the target before the target
+        labels.show_by(|label| match () {
+            () if kept.iter().any(|k| k.label == label) => 3,
+            () if in_regions(&less, label) => 2,
+            () => u8::from(of_label(&wanted, label) || in_regions(&also, label)),
+        });
+        let own_maps = labels.own_maps((1..=u16::MAX).filter(|label| {
+            kept.iter().any(|k| k.label == *label) || in_regions(&also, *label) || in_regions(&less, *label)
+        }));
+        Ok(Self { ct, labels: labels.shown, own_maps, names, wanted, also, less, kept })
     }
 
     /// The number of a label that the case names, where it has one.
-    pub fn number_of(&self, label: &LabelRef, plan: &StoredPlan) -> Option<u16> {
-        let names =
-            read_label_names(plan.input_path(&label_names_path(&plan.record.case.images.labels))).ok()?;
-        number(label, names.as_ref()).ok()
+    pub fn number_of(&self, label: &LabelRef) -> Option<u16> {
+        self.names.number(label).ok()
+    }
+
+    /// The map in which a label has all of its voxels.
+    pub fn map_of(&self, label: u16) -> &Volume<u16, Ct> {
+        self.own_maps.iter().find(|(own, _)| *own == label).map_or(&self.labels, |(_, map)| map)
     }
 
     /// Interpolated HU; beyond the scan that of air.
@@ -251,12 +275,27 @@ fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, V
     }
 }
 
-fn number(label: &LabelRef, names: Option<&LabelNames>) -> Result<u16, VerifyError> {
-    match label {
-        LabelRef::Number(number) => Ok(*number),
-        LabelRef::Name(name) => names
-            .and_then(|names| names.number(name))
-            .ok_or_else(|| VerifyError::LabelName { name: name.clone() }),
+/// Names that stand in the label file itself, and those of the `labels.json` beside it.
+#[derive(Debug)]
+struct Names {
+    within: Vec<(u16, String)>,
+    beside: Option<LabelNames>,
+    is_segmentation: bool,
+}
+
+impl Names {
+    /// The number of a label; only the first list that is there counts.
+    fn number(&self, label: &LabelRef) -> Result<u16, VerifyError> {
+        let name = match label {
+            LabelRef::Number(number) => return Ok(*number),
+            LabelRef::Name(name) => name,
+        };
+        let within = || self.within.iter().find(|(_, known)| known == name).map(|(number, _)| *number);
+        let found = match &self.beside {
+            Some(beside) if !self.is_segmentation => beside.number(name),
+            _ => within(),
+        };
+        found.ok_or_else(|| VerifyError::LabelName { name: name.clone() })
     }
 }
 

@@ -43,7 +43,7 @@ pub enum VerifyError {
         source: Box<PartError>,
     },
     /// `labels.json` does not contain the name of a label.
-    #[error("label name '{name}' is not in the labels.json beside the label map")]
+    #[error("label name '{name}' is neither in the label file itself nor in the labels.json beside it")]
     LabelName {
         /// The name.
         name: String,
@@ -65,6 +65,23 @@ pub enum ReadProblem {
     /// No header of a NIfTI-1 file.
     #[error("is not NIfTI-1 in a single file")]
     NotNifti,
+    /// A format for which the verification has no reader of its own.
+    #[error(
+        "is {format}: the verification reads NIfTI-1 and NRRD with readers of its own, and none of its own reads this. Convert \
+         it, for example with 3D Slicer, and plan on the converted file"
+    )]
+    NoReader {
+        /// What it is.
+        format: &'static str,
+    },
+    /// A field of an NRRD header is missing or cannot be used.
+    #[error("`{field}` in its header: expected {expected}")]
+    Header {
+        /// The field.
+        field: String,
+        /// What was expected.
+        expected: &'static str,
+    },
     /// A header field has a value that cannot be.
     #[error("{field} is {value}; expected {expected}")]
     Field {

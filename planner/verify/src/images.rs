@@ -1,4 +1,5 @@
-//! Reads the plan's images again, NIfTI-1 in one file, plain or gzip, with code of its own: one wrong reader cannot fool both.
+//! Reads the plan's images again, NIfTI-1 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Other
+//! formats are refused, so that no plan passes on images that only the planner has read.
 //!
 //! Fields are taken at the byte offsets of `nifti1.h` (**Source:** NIfTI data format working group), and a file is refused unless
 //! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some
@@ -16,6 +17,11 @@ use nalgebra::{Matrix3, Vector3};
 use super::VerifyError;
 use super::error::ReadProblem;
 
+mod nrrd;
+mod segments;
+
+pub use segments::LabelsRead;
+
 /// Header and extension flag, bytes: voxels start there or later.
 const HEADER_BYTES: usize = 352;
 /// Most bytes after the last voxel that may be padding, and most voxels.
@@ -27,36 +33,114 @@ const SAME_VOXELS: f64 = 0.1;
 const SHEAR_RAD: f64 = 1e-3;
 const QUATERNION_ROUNDING: f64 = 5e-7;
 
+/// Below it lies what scanners write outside their field of view: it counts as air, HU.
+const PADDING_HU: f32 = -1500.0;
+/// HU of air.
+const AIR_HU: f32 = -1000.0;
+
 /// A CT's grey values. [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are not finite.
 pub fn ct(path: &Path, choice: AffineChoice) -> Result<Volume<f32, Ct>, VerifyError> {
-    image(path, choice, "a finite number", |v| Some(v as f32).filter(|v| v.is_finite()))
+    let mut ct = ct_as_stored(path, choice)?;
+    ct.data_mut().iter_mut().filter(|v| **v < PADDING_HU).for_each(|v| *v = AIR_HU);
+    Ok(ct)
 }
 
-/// A label map. [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are no label.
-pub fn labels(path: &Path, choice: AffineChoice) -> Result<Volume<u16, Ct>, VerifyError> {
+fn ct_as_stored(path: &Path, choice: AffineChoice) -> Result<Volume<f32, Ct>, VerifyError> {
+    image(path, choice, "a finite number", |v| Some(v as f32).filter(|v| v.is_finite())).map(|(ct, _)| ct)
+}
+
+/// A label map, with what its own file says about names and shared voxels. [`VerifyError::Image`] for a file that is not beyond
+/// doubt, and for values that are no label.
+pub fn labels(path: &Path, choice: AffineChoice) -> Result<LabelsRead, VerifyError> {
     let label = |v: f64| {
         let is_whole = |n: &f64| (v - n).abs() <= 1e-6 * n.max(1.0);
         Some(v.round()).filter(|n| (0.0..=65535.0).contains(n) && is_whole(n)).map(|n| n as u16)
     };
-    image(path, choice, "a whole number from 0 to 65535", label)
+    let (shown, more) = image(path, choice, "a whole number from 0 to 65535", label)?;
+    segments::labels_read(shown, more).map_err(|problem| VerifyError::Image { path: path.into(), problem })
 }
 
-fn image<T>(
+/// What a file says beside the first number of each voxel.
+enum More<T> {
+    /// Bytes between a NIfTI header and its voxels.
+    Extension(Vec<u8>),
+    /// All numbers of an NRRD file, those of one voxel side by side, and its segments.
+    Layers(Vec<T>, Vec<(String, usize, u16)>),
+}
+
+fn image<T: Copy>(
     path: &Path,
     choice: AffineChoice,
     expected: &'static str,
     convert: impl Fn(f64) -> Option<T>,
-) -> Result<Volume<T, Ct>, VerifyError> {
+) -> Result<(Volume<T, Ct>, More<T>), VerifyError> {
+    let valid = |(voxel, value)| convert(value).ok_or(ReadProblem::Voxel { voxel, value, expected });
     let read = || -> Result<_, ReadProblem> {
+        if let Some(format) = unread(path)? {
+            return Err(ReadProblem::NoReader { format });
+        }
         let mut file = BufReader::new(File::open(path)?);
         let is_gzip = file.fill_buf()?.starts_with(&[0x1f, 0x8b]);
-        let bytes: &mut dyn Read = if is_gzip { &mut MultiGzDecoder::new(file) } else { &mut file };
-        let header = Header::read(bytes)?;
+        let mut bytes: Box<dyn BufRead> =
+            if is_gzip { Box::new(BufReader::new(MultiGzDecoder::new(file))) } else { Box::new(file) };
+        if bytes.fill_buf()?.starts_with(b"NRRD") {
+            let nrrd = nrrd::read(path)?;
+            let values = nrrd.values.into_iter().enumerate().map(valid).collect::<Result<Vec<T>, _>>()?;
+            if nrrd.layers > 1 && nrrd.segments.is_empty() {
+                return Err(ReadProblem::Header { field: "sizes".into(), expected: "one value a voxel" });
+            }
+            let first = values.chunks_exact(nrrd.layers).filter_map(|of_voxel| of_voxel.first().copied());
+            return Ok((Volume::new(nrrd.grid, first.collect())?, More::Layers(values, nrrd.segments)));
+        }
+        let header = Header::read(bytes.as_mut())?;
         let grid = header.grid(choice)?;
-        let valid = |(voxel, value)| convert(value).ok_or(ReadProblem::Voxel { voxel, value, expected });
-        Ok(Volume::new(grid, header.voxels(bytes, valid)?)?)
+        let (values, extension) = header.voxels(bytes.as_mut(), valid)?;
+        Ok((Volume::new(grid, values)?, More::Extension(extension)))
     };
     read().map_err(|problem| VerifyError::Image { path: path.into(), problem })
+}
+
+/// A format that the planner reads and this module does not.
+fn unread(path: &Path) -> Result<Option<&'static str>, ReadProblem> {
+    if path.is_dir() {
+        return Ok(Some("a folder (a DICOM series, or one mask per structure)"));
+    }
+    let mut first = Vec::new();
+    File::open(path)?.take(132).read_to_end(&mut first)?;
+    Ok(if first.ends_with(b"DICM") {
+        Some("a DICOM file")
+    } else if first.starts_with(b"ObjectType") || first.starts_with(b"NDims") || first.starts_with(b"Comment")
+    {
+        Some("a MetaImage file")
+    } else {
+        None
+    })
+}
+
+/// Voxel sizes, mm, and the nearest perpendicular axes of the steps along i, j, k; `Affine` where these are not perpendicular, up to
+/// rounding.
+fn straight_axes(
+    linear: &Matrix3<f64>,
+    dims: [usize; 3],
+) -> Result<(Vector3<f64>, Matrix3<f64>), ReadProblem> {
+    let spacing = Vector3::from_fn(|a, _| linear.column(a).norm());
+    let unit = Matrix3::from_fn(|r, c| linear[(r, c)] / spacing[c]);
+    if !spacing.iter().all(|mm| (1e-3..=20.0).contains(mm)) {
+        return Err(ReadProblem::Affine("values that are not finite, or voxels not of 0.001 to 20 mm"));
+    }
+    // the nearest orthonormal axes are U Vᵀ
+    let svd = (unit.determinant().abs() >= 1e-3).then(|| unit.svd(true, true));
+    let Some((u, v_t)) = svd.and_then(|svd| svd.u.zip(svd.v_t)) else {
+        return Err(ReadProblem::Affine("axes that do not span space"));
+    };
+    let axes = u * v_t;
+    let off = [(0, 1), (0, 2), (1, 2)].map(|(a, b)| unit.column(a).dot(&unit.column(b)).abs());
+    let far = |n: usize| Vector3::from_fn(|a, _| (n >> a & 1) as f64 * dims[a] as f64 - 0.5);
+    let moved = |n: usize| ((linear - axes * Matrix3::from_diagonal(&spacing)) * far(n)).norm();
+    if off.iter().any(|c| c.asin() > SHEAR_RAD) || (0..8).any(|n| moved(n) > SAME_VOXELS * spacing.min()) {
+        return Err(ReadProblem::Affine("axes that are not perpendicular"));
+    }
+    Ok((spacing, axes))
 }
 
 /// The first bytes of a file, in its own byte order.
@@ -110,12 +194,12 @@ impl Header {
         f64::from(f32::from_le_bytes(self.at(offset)))
     }
 
-    /// What `valid` makes of every voxel's number and value after scaling, in the file's order.
+    /// What `valid` makes of every voxel's number and value after scaling, in the file's order, and the bytes before.
     fn voxels<T>(
         &self,
         from: &mut dyn Read,
         valid: impl Fn((usize, f64)) -> Result<T, ReadProblem>,
-    ) -> Result<Vec<T>, ReadProblem> {
+    ) -> Result<(Vec<T>, Vec<u8>), ReadProblem> {
         let (code, bitpix, offset) = (self.short(70), self.short(72), self.single(108));
         let size = match code {
             2 | 256 => 1,
@@ -164,7 +248,8 @@ impl Header {
             };
             slope * stored + intercept
         };
-        bytes[before..expected].chunks_exact(size).map(number).enumerate().map(valid).collect()
+        let values = bytes[before..expected].chunks_exact(size).map(number).enumerate().map(valid);
+        Ok((values.collect::<Result<_, _>>()?, bytes[..before].to_vec()))
     }
 
     /// Where the voxels lie. With [`AffineChoice::Auto`] all that the header says about it must agree.
@@ -177,27 +262,17 @@ impl Header {
             false if has_qform => self.qform()?,
             _ => return Err(ReadProblem::Affine("its code is 0")),
         };
-        let spacing = Vector3::from_fn(|a, _| linear.column(a).norm());
-        let unit = Matrix3::from_fn(|r, c| linear[(r, c)] / spacing[c]);
-        if !(offset.iter().all(|v| v.is_finite()) && spacing.iter().all(|mm| (1e-3..=20.0).contains(mm))) {
+        if !offset.iter().all(|v| v.is_finite()) {
             return Err(ReadProblem::Affine("values that are not finite, or voxels not of 0.001 to 20 mm"));
         }
-        // the nearest orthonormal axes are U Vᵀ
-        let svd = (unit.determinant().abs() >= 1e-3).then(|| unit.svd(true, true));
-        let Some((u, v_t)) = svd.and_then(|svd| svd.u.zip(svd.v_t)) else {
-            return Err(ReadProblem::Affine("axes that do not span space"));
-        };
-        let axes = u * v_t;
+        let (spacing, axes) = straight_axes(&linear, self.dims)?;
+        let unit = Matrix3::from_fn(|r, c| linear[(r, c)] / spacing[c]);
         let sized = |axes: Matrix3<f64>, mm: &Vector3<f64>| (axes * Matrix3::from_diagonal(mm), offset);
-        let off = [(0, 1), (0, 2), (1, 2)].map(|(a, b)| unit.column(a).dot(&unit.column(b)).abs());
         let is_same = |other: &(Matrix3<f64>, Vector3<f64>), more_mm: f64| {
             let far = |n: usize| Vector3::from_fn(|a, _| (n >> a & 1) as f64 * self.dims[a] as f64 - 0.5);
             let off = |n: usize| ((linear - other.0) * far(n) + offset - other.1).norm();
             (0..8).all(|n| off(n) <= SAME_VOXELS * spacing.min() + more_mm)
         };
-        if off.iter().any(|c| c.asin() > SHEAR_RAD) || !is_same(&sized(axes, &spacing), 0.0) {
-            return Err(ReadProblem::Affine("axes that are not perpendicular"));
-        }
         if is_auto {
             let size = self.lengths(80);
             if !(size.iter().all(|mm| *mm > 0.0) && is_same(&sized(unit, &size), 0.0)) {
@@ -248,5 +323,7 @@ fn field(field: &'static str, value: f64, expected: &'static str) -> ReadProblem
     ReadProblem::Field { field, value, expected }
 }
 
+#[cfg(test)]
+mod nrrd_tests;
 #[cfg(test)]
 mod tests;

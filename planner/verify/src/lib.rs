@@ -117,7 +117,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     progress.stage("read images");
     let anatomy = Anatomy::read(plan)?;
     let boxes: Vec<Option<Boxes<'_>>> =
-        anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
+        anatomy.kept.iter().map(|kept| Boxes::new(anatomy.map_of(kept.label), kept.label)).collect();
     let mut checks = provenance::provenance(plan, &read_case_text(plan)?)?;
     checks.extend(registration::registration(&plan.record, &anatomy, &boxes));
 

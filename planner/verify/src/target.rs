@@ -27,7 +27,8 @@ impl<'a> Extent<'a> {
     fn new(region: &WantedRegion, anatomy: &'a Anatomy) -> Self {
         match &region.wanted {
             WantedTarget::Label(label) => {
-                let around = (region.margin_mm > 0.0).then(|| Boxes::new(&anatomy.labels, *label)).flatten();
+                let around =
+                    (region.margin_mm > 0.0).then(|| Boxes::new(anatomy.map_of(*label), *label)).flatten();
                 Self::Label(*label, around.map(|boxes| (boxes, region.margin_mm)))
             }
             WantedTarget::Shape(shape) => {

@@ -109,7 +109,7 @@ pub fn channel(
             checks.push(check.of("angle from approach.direction"));
         }
         checks.push(
-            Check::none_wrong(NAME, usize::from(!in_region(spec, channel.entry, anatomy, plan)))
+            Check::none_wrong(NAME, usize::from(!in_region(spec, channel.entry, anatomy)))
                 .of("entry in its region"),
         );
     }
@@ -168,14 +168,14 @@ fn leads_outside(anatomy: &Anatomy, air_hu: f64, entry: Point<Ct>, out: &Vector3
 }
 
 /// Whether the entry lies in the region that the case names.
-fn in_region(spec: &ChannelSpec, entry: Point<Ct>, anatomy: &Anatomy, plan: &StoredPlan) -> bool {
+fn in_region(spec: &ChannelSpec, entry: Point<Ct>, anatomy: &Anatomy) -> bool {
     match &spec.entry {
         Entry::Point(_) | Entry::Surface => true,
         Entry::Ball { center_mm, radius_mm } => (entry.coords - center_mm).norm() <= radius_mm + ROUNDING,
         Entry::Label(label) => {
             let number = match label {
                 LabelRef::Number(number) => Some(*number),
-                LabelRef::Name(_) => anatomy.number_of(label, plan),
+                LabelRef::Name(_) => anatomy.number_of(label),
             };
             let grid = anatomy.labels.grid();
             let reach = grid.diagonal_mm();

@@ -1,0 +1,123 @@
+//! NRRD by both readers, the planner's and this crate's.
+
+use std::io::Write;
+use std::path::Path;
+
+use bonemill_imaging::{read_ct, read_label_map};
+
+use super::*;
+
+const AUTO: AffineChoice = AffineChoice::Auto;
+const HEADER: &str = "NRRD0005\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 3 2 2\n\
+    space directions: (0.4,0.3,0) (-0.3,0.4,0) (0,0,2)\nkinds: domain domain domain\nendian: little\nencoding: raw\n\
+    space origin: (10,-20,30)\nmeasurement frame: (0,1,0) (1,0,0) (0,0,1)\n";
+const NUMBERS: [i16; 12] = [-1000, 5, 300, -7, 40, 1200, 0, 1, 2, 3, -900, 30000];
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// Whether both read the same, or both refuse; where only this crate's reader refuses, `None`.
+fn agree(path: &Path) -> Option<bool> {
+    match (ct(path, AUTO), read_ct(path, AUTO)) {
+        (Ok(ours), Ok(theirs)) => {
+            let theirs = theirs.volume;
+            let corners = ours.grid().corners().into_iter().zip(theirs.grid().corners());
+            assert!(corners.map(|(p, q)| p.distance_mm(&q)).fold(0.0, f64::max) < 1e-9);
+            assert_eq!((ours.grid().dims(), ours.data()), (theirs.grid().dims(), theirs.data()));
+            Some(true)
+        }
+        (Err(_), Err(_)) => Some(false),
+        (Err(_), Ok(_)) => None,
+        (Ok(_), Err(theirs)) => panic!("only we accept: {theirs}"),
+    }
+}
+
+fn verdict(header: &str, data: &[u8]) -> Option<bool> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("ct.nrrd");
+    std::fs::write(dir.path().join("ct.raw"), data).unwrap();
+    let attached = if header.contains("data file") { &[][..] } else { data };
+    std::fs::write(&path, [header.as_bytes(), b"\n", attached].concat()).unwrap();
+    agree(&path)
+}
+
+#[test]
+fn both_readers_see_the_same_image_or_refuse_it() {
+    let little: Vec<u8> = NUMBERS.iter().flat_map(|n| n.to_le_bytes()).collect();
+    let big: Vec<u8> = NUMBERS.iter().flat_map(|n| n.to_be_bytes()).collect();
+    let with = |from: &str, to: &str| HEADER.replace(from, to);
+    for (header, data) in [
+        (HEADER.to_owned(), little.clone()),
+        (with("left-posterior-superior", "RAS"), little.clone()),
+        (with("left-posterior-superior", "left-anterior-superior"), little.clone()),
+        (with("endian: little", "endian: big"), big),
+        (with("encoding: raw", "encoding: gzip"), gzip(&little)),
+        (HEADER.to_owned() + "data file: ct.raw\n", little.clone()),
+        (HEADER.to_owned() + "data file: LIST\nct.raw\n", little.clone()),
+        (with("sizes: ", "sizes: 1 ").replace("directions: ", "directions: none "), little.clone()),
+        (HEADER.to_owned(), [&little[..], &[0; 9]].concat()),
+    ] {
+        assert_eq!(verdict(&header, &data), Some(true), "{header}");
+    }
+    for header in [
+        with("space: left-posterior-superior\n", ""),
+        with("(10,-20,30)", "(nan,0,0)"),
+        with("(0,0,2)", "(0,0.1,2)"),
+        with("(0,0,2)", "none"),
+        with("sizes: 3 2 2", "sizes: 3 2 3"),
+        with("sizes: 3 2 2", "sizes: 99999999 99999999 99999999"),
+        with("endian: little\n", ""),
+        with("type: short", "type: block"),
+        HEADER.to_owned() + "space: RAS\n",
+    ] {
+        assert_eq!(verdict(&header, &little), Some(false), "{header}");
+    }
+    // what only the planner's reader knows is refused, with the field
+    for header in [with("encoding: raw", "encoding: ascii"), HEADER.to_owned() + "byte skip: -1\n"] {
+        let text = NUMBERS.map(|n| n.to_string()).join(" ");
+        let data = if header.contains("ascii") { text.into_bytes() } else { little.clone() };
+        assert_eq!(verdict(&header, &data), None, "{header}");
+    }
+}
+
+#[test]
+fn segments_that_share_voxels_are_the_same_by_both_readers() {
+    let header = HEADER
+        .replace("type: short", "type: uchar")
+        .replace("sizes: 3 2 2", "sizes: 2 3 1 1")
+        .replace("directions: ", "directions: none ");
+    let keys = "Segment0_ID:=a\nSegment0_Name:=Facial nerve\nSegment0_LabelValue:=1\nSegment0_Layer:=0\n\
+        Segment1_ID:=b\nSegment1_Name:=Dura\nSegment1_LabelValue:=1\nSegment1_Layer:=1\n";
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.seg.nrrd");
+    std::fs::write(&path, [header.as_bytes(), keys.as_bytes(), b"\n", &[1, 0, 1, 1, 0, 1]].concat()).unwrap();
+    let rank = |label: u16| u8::from(label == 2);
+    let (mut ours, mut theirs) = (labels(&path, AUTO).unwrap(), read_label_map(&path, AUTO).unwrap());
+    ours.show_by(rank);
+    theirs.settle(rank);
+    assert_eq!((ours.shown.data(), ours.shown.data()), (&[1, 2, 2][..], theirs.image.volume.data()));
+    assert_eq!(ours.own_maps([1, 2].into_iter())[0].1.data(), [1, 1, 2]);
+    let names: Vec<_> = theirs.names.iter().flat_map(|names| names.iter()).collect();
+    assert_eq!(ours.names.iter().map(|(n, name)| (*n, name.as_str())).collect::<Vec<_>>(), names);
+}
+
+#[test]
+fn a_format_without_a_reader_of_its_own_is_refused_aloud() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        std::fs::write(dir.path().join(name), bytes).unwrap();
+        dir.path().join(name)
+    };
+    for (path, word) in [
+        (file("a.dcm", &[&[0; 128][..], b"DICM\x02\0\0\0UL\x04\0"].concat()), "is a DICOM file"),
+        (file("a.mha", b"ObjectType = Image\nNDims = 3\n"), "is a MetaImage file"),
+        (dir.path().to_owned(), "is a folder"),
+    ] {
+        let said = ct(&path, AUTO).unwrap_err().to_string();
+        assert!(said.contains(word) && said.contains("readers of its own"), "{said}");
+        assert_eq!(labels(&path, AUTO).unwrap_err().to_string(), said);
+    }
+}
