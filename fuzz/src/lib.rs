@@ -15,8 +15,8 @@ use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::part::{LengthUnit, MeshFormat, RepairLimits, Solid, parse_facets, stl_bytes};
 use bonemill_planner::plan::{PlanRecord, Trajectory, read_forces, read_waypoints};
-use bonemill_prosthesis::proof::gcode::read as read_program;
 use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
+use bonemill_prosthesis::proof::gcode::read as read_program;
 use bonemill_robot::Arm;
 use bonemill_robot::ur::Calibration;
 use nalgebra::Vector3;
@@ -27,6 +27,9 @@ pub type Target = (&'static str, fn(&[u8]));
 /// Every target.
 pub const TARGETS: &[Target] = &[
     ("nifti", nifti),
+    ("nrrd", formats::nrrd),
+    ("metaimage", formats::metaimage),
+    ("dicom", formats::dicom),
     ("labels_json", labels_json),
     ("case_toml", case_toml),
     ("plan_toml", plan_toml),
@@ -41,6 +44,7 @@ pub const TARGETS: &[Target] = &[
     ("gcode", gcode),
 ];
 
+pub mod formats;
 #[path = "../../src/pose_line.rs"]
 mod pose_line;
 
@@ -269,6 +273,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
                   fx_n,fy_n,fz_n,peak_force_n,mean_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
     match target {
         "nifti" => images(),
+        "nrrd" | "metaimage" | "dicom" => formats::seeds(target),
         "labels_json" => vec![
             b"{\"target\": 20, \"facial_nerve\": 10}".to_vec(),
             b"{\"10\": \"facial_nerve\", \"20\": \"target\"}".to_vec(),
