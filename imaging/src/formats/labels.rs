@@ -5,10 +5,13 @@
 
 use std::borrow::Cow;
 
-use bonemill_geometry::{Ct, Volume};
+use bonemill_geometry::{Ct, Grid, Volume};
 
 use super::Image;
 use crate::names::LabelNames;
+
+/// Grids whose corners lie nearer than this are the same, mm.
+const SAME_MM: f64 = 1e-3;
 
 /// A label map as a file or a folder gives it.
 #[derive(Debug, Clone)]
@@ -64,6 +67,30 @@ impl LabelMap {
         shared
     }
 
+    /// Adds a mask on the same grid as a label of its own, the highest that is free, with the names at hand; `None` where the mask lies
+    /// on another grid.
+    pub fn add_mask(&mut self, mask: &Volume<u16, Ct>, names: Option<&LabelNames>) -> Option<u16> {
+        if !same_grid(self.image.volume.grid(), mask.grid()) {
+            return None;
+        }
+        let further = self.further.iter().map(|(_, label)| label);
+        let mut taken = vec![false; 1 << 16];
+        self.image.volume.data().iter().chain(further).for_each(|label| taken[usize::from(*label)] = true);
+        let is_free =
+            |label: &u16| !taken[usize::from(*label)] && names.is_none_or(|n| n.name(*label).is_none());
+        let label = (1..=u16::MAX).rev().find(is_free)?;
+        let data = self.image.volume.data_mut();
+        for (place, (shown, value)) in data.iter_mut().zip(mask.data()).enumerate() {
+            match (*value, *shown) {
+                (0, _) => {}
+                (_, 0) => *shown = label,
+                _ => self.further.push((place as u32, label)),
+            }
+        }
+        self.further.sort_unstable();
+        Some(label)
+    }
+
     /// The map with every voxel of `label`, also those that it shares.
     pub fn whole(&self, label: u16) -> Cow<'_, Volume<u16, Ct>> {
         whole(&self.image.volume, &self.further, label)
@@ -84,6 +111,11 @@ pub fn whole<'a>(map: &'a Volume<u16, Ct>, further: &[(u32, u16)], label: u16) -
         }
     }
     Cow::Owned(own)
+}
+
+/// Whether grids are the same: no corner lies farther away than [`SAME_MM`].
+pub(super) fn same_grid(a: &Grid<Ct>, b: &Grid<Ct>) -> bool {
+    a.dims() == b.dims() && a.corners().iter().zip(b.corners()).all(|(p, q)| p.distance_mm(&q) <= SAME_MM)
 }
 
 /// A map that segments are drawn into, one after the other.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use bonemill_geometry::{Ct, Grid, Volume};
 
-use super::labels::{Drawing, LabelMap};
+use super::labels::{Drawing, LabelMap, same_grid};
 use super::problem::FormatProblem;
 use super::{AffineChoice, Image, Provenance, read_labels};
 use crate::error::ImageError;
@@ -16,8 +16,6 @@ use crate::names::LabelNames;
 
 /// Endings of image files, the longer before its own end.
 const ENDINGS: &[&str] = &[".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd"];
-/// Grids are the same if no corner lies farther away than this, mm.
-const SAME_MM: f64 = 1e-3;
 
 /// The image files in a folder with their names without ending, in the order of the names.
 pub(super) fn files(folder: &Path) -> Vec<(String, PathBuf)> {
@@ -54,7 +52,7 @@ pub(super) fn read(
             let provenance = Provenance { files: vec![], placement: mask.provenance.placement };
             (Image { volume, provenance, warnings: vec![] }, Drawing::new(grid.len()), grid.clone())
         });
-        if !is_same(first, &grid) {
+        if !same_grid(first, &grid) {
             let first = files.first().map(|(_, path)| path.clone()).unwrap_or_default();
             return Err(failed(FormatProblem::OtherGrid { path: path.clone(), first }));
         }
@@ -73,8 +71,4 @@ pub(super) fn read(
     let names = LabelNames::new(names)
         .map_err(|_| failed(FormatProblem::NameTwice { name: "of two files".into() }))?;
     Ok(LabelMap { image: Image { volume, provenance, warnings }, names: Some(names), further })
-}
-
-fn is_same(a: &Grid<Ct>, b: &Grid<Ct>) -> bool {
-    a.dims() == b.dims() && a.corners().iter().zip(b.corners()).all(|(p, q)| p.distance_mm(&q) <= SAME_MM)
 }

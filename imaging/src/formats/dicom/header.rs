@@ -16,9 +16,9 @@ const DEPTH: usize = 3;
 /// Most files of a folder.
 const MOST_FILES: usize = 100_000;
 /// Most frames of a file.
-pub(super) const MOST_FRAMES: usize = 1 << 16;
+const MOST_FRAMES: usize = 1 << 16;
 
-pub(super) const SOP_CLASS: Tag = Tag(0x0008, 0x0016);
+const SOP_CLASS: Tag = Tag(0x0008, 0x0016);
 const IMAGE_TYPE: Tag = Tag(0x0008, 0x0008);
 const MODALITY: Tag = Tag(0x0008, 0x0060);
 const SERIES: Tag = Tag(0x0020, 0x000e);
@@ -46,7 +46,7 @@ const MEASURES: Tag = Tag(0x0028, 0x9110);
 const TRANSFORMATION: Tag = Tag(0x0028, 0x9145);
 const PIXEL_DATA: Tag = Tag(0x7fe0, 0x0010);
 /// Segmentation Storage, and Label Map Segmentation Storage.
-pub(super) const SEGMENTATIONS: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7"];
+const SEGMENTATIONS: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7"];
 
 /// How a pixel's number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,14 +72,20 @@ pub(super) struct Frame {
     pub rescale: Option<[f64; 2]>,
 }
 
+/// A file with an image, and its header or why it cannot be used: a screenshot in another series does no harm.
+#[derive(Debug)]
+pub(super) struct Found {
+    pub series: String,
+    pub modality: String,
+    pub is_localizer: bool,
+    pub is_segmentation: bool,
+    pub header: Result<Header, DicomProblem>,
+}
+
 /// A file's header.
 #[derive(Debug)]
 pub(super) struct Header {
     pub path: PathBuf,
-    pub series: String,
-    pub modality: String,
-    pub sop_class: String,
-    pub is_localizer: bool,
     /// Columns and rows.
     pub size: [usize; 2],
     pub pixels: PixelFormat,
@@ -201,11 +207,11 @@ impl<'a> Attributes<'a> {
     }
 }
 
-impl Header {
-    /// The header of a file with an image; `None` for other objects.
+impl Found {
+    /// What a file holds; `None` for objects without an image.
     ///
     /// # Errors
-    /// [`DicomProblem`] for a file that is damaged, or an attribute that cannot be used.
+    /// [`DicomProblem`] for a file that is damaged.
     pub fn read(path: &Path) -> Result<Option<Self>, DicomProblem> {
         super::pixels::check_lengths(path)?;
         let object = open(path, false)?;
@@ -213,32 +219,27 @@ impl Header {
         if attributes.of.get(ROWS).is_none() {
             return Ok(None);
         }
-        Self::of(&attributes).map(Some)
+        let image_type = attributes.text(IMAGE_TYPE).unwrap_or_default();
+        Ok(Some(Self {
+            series: attributes.text(SERIES).unwrap_or_default(),
+            modality: attributes.text(MODALITY).unwrap_or_default(),
+            is_localizer: image_type.to_uppercase().contains("LOCALIZER"),
+            is_segmentation: SEGMENTATIONS.contains(&attributes.text(SOP_CLASS).unwrap_or_default().as_str()),
+            header: Header::of(&attributes),
+        }))
     }
+}
 
-    pub fn of(a: &Attributes<'_>) -> Result<Self, DicomProblem> {
+impl Header {
+    fn of(a: &Attributes<'_>) -> Result<Self, DicomProblem> {
         let size = [(COLUMNS, "Columns"), (ROWS, "Rows")];
         let [columns, rows] = size.map(|of| a.need(of, 1..=65535, "1 to 65535").map(|n| n as usize));
-        let image_type = a.text(IMAGE_TYPE).unwrap_or_default();
-        let header = Self {
-            path: a.file.to_owned(),
-            series: a.text(SERIES).unwrap_or_default(),
-            modality: a.text(MODALITY).unwrap_or_default(),
-            sop_class: a.text(SOP_CLASS).unwrap_or_default(),
-            is_localizer: image_type.to_uppercase().contains("LOCALIZER"),
-            size: [columns?, rows?],
-            pixels: PixelFormat::of(a)?,
-            frames: frames(a)?,
-        };
-        Ok(header)
+        let (size, pixels) = ([columns?, rows?], PixelFormat::of(a)?);
+        Ok(Self { path: a.file.to_owned(), size, pixels, frames: frames(a)? })
     }
 
     pub fn name(&self) -> String {
         name_of(&self.path)
-    }
-
-    pub fn is_segmentation(&self) -> bool {
-        SEGMENTATIONS.contains(&self.sop_class.as_str())
     }
 }
 
@@ -271,7 +272,7 @@ impl PixelFormat {
 }
 
 /// Number of frames.
-pub(super) fn frame_count(a: &Attributes<'_>) -> Result<usize, DicomProblem> {
+fn frame_count(a: &Attributes<'_>) -> Result<usize, DicomProblem> {
     match a.whole(FRAMES) {
         None => Ok(1),
         Some(n) if (1..=MOST_FRAMES as i64).contains(&n) => Ok(n as usize),

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::super::labels::{Drawing, LabelMap};
 use super::super::straight::DISAGREEMENT_LIMIT_VOXELS;
 use super::super::{Image, Placement, Provenance, ReadWarning};
-use super::header::{Attributes, Frame, Header, dicom_files, frame_groups, open};
+use super::header::{Attributes, Found, Frame, Header, dicom_files, frame_groups, open};
 use super::pixels::{check_size, frame_bytes, numbers};
 use super::problem::DicomProblem;
 use super::stack::{difference, grid};
@@ -39,9 +39,10 @@ const MOST_PLANES: f64 = 65535.0;
 /// [`DicomProblem`] when there is none, or it cannot be read or trusted.
 pub(in super::super) fn read(path: &Path) -> Result<LabelMap, DicomProblem> {
     let paths = if path.is_dir() { dicom_files(path) } else { vec![path.to_owned()] };
-    let headers: Vec<Option<Header>> =
-        paths.par_iter().map(|path| Header::read(path)).collect::<Result<_, _>>()?;
-    let mut found: Vec<Header> = headers.into_iter().flatten().filter(Header::is_segmentation).collect();
+    let read: Vec<Option<Found>> =
+        paths.par_iter().map(|path| Found::read(path)).collect::<Result<_, _>>()?;
+    let segmentations = read.into_iter().flatten().filter(|found| found.is_segmentation);
+    let mut found: Vec<Header> = segmentations.map(|found| found.header).collect::<Result<_, _>>()?;
     match (found.pop(), found.is_empty()) {
         (Some(header), true) => read_file(&header),
         (None, _) => Err(DicomProblem::NoSegmentation),

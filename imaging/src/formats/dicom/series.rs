@@ -7,7 +7,7 @@ use bonemill_geometry::{Volume, cancel};
 use rayon::prelude::*;
 
 use super::super::{Image, Placement, Provenance, ReadWarning};
-use super::header::{Header, dicom_files, open};
+use super::header::{Found, Header, dicom_files, open};
 use super::pixels::{frame_bytes, numbers};
 use super::problem::{DicomProblem, SeriesFound};
 use super::stack::Stack;
@@ -19,23 +19,24 @@ use crate::resample::AIR_HU;
 /// [`DicomProblem`] when there is no series, or several without a choice, and when one cannot be read or trusted.
 pub(in super::super) fn read(path: &Path, chosen: Option<&str>) -> Result<Image<f32>, DicomProblem> {
     let paths = if path.is_dir() { dicom_files(path) } else { vec![path.to_owned()] };
-    let read: Vec<Option<Header>> =
-        paths.par_iter().map(|path| Header::read(path)).collect::<Result<_, _>>()?;
+    let read: Vec<Option<Found>> =
+        paths.par_iter().map(|path| Found::read(path)).collect::<Result<_, _>>()?;
     let mut localizers = 0;
-    let mut series: BTreeMap<String, Vec<Header>> = BTreeMap::new();
-    for header in read.into_iter().flatten() {
-        if header.is_segmentation() {
-            continue;
-        }
-        if header.is_localizer {
+    let mut series: BTreeMap<String, Vec<Found>> = BTreeMap::new();
+    for found in read.into_iter().flatten().filter(|found| !found.is_segmentation) {
+        if found.is_localizer {
             localizers += 1;
         } else {
-            series.entry(header.series.clone()).or_default().push(header);
+            series.entry(found.series.clone()).or_default().push(found);
         }
     }
     // a series without any place, such as a screenshot
-    series.retain(|_, headers| headers.iter().any(|h| !h.frames.is_empty()));
-    let headers = choose(series, chosen)?;
+    let has_place = |found: &Found| found.header.as_ref().is_ok_and(|header| !header.frames.is_empty());
+    if chosen.is_none() && series.len() > 1 {
+        series.retain(|_, files| files.iter().any(has_place));
+    }
+    let files = choose(series, chosen)?;
+    let headers: Vec<Header> = files.into_iter().map(|found| found.header).collect::<Result<_, _>>()?;
     let stack = Stack::new(&headers)?;
     let mut warnings: Vec<ReadWarning> =
         (localizers > 0).then_some(ReadWarning::Localizers { count: localizers }).into_iter().collect();
@@ -56,13 +57,15 @@ pub(in super::super) fn read(path: &Path, chosen: Option<&str>) -> Result<Image<
 
 /// The series to read: the one that is there, or that of the case.
 fn choose(
-    mut series: BTreeMap<String, Vec<Header>>,
+    mut series: BTreeMap<String, Vec<Found>>,
     chosen: Option<&str>,
-) -> Result<Vec<Header>, DicomProblem> {
+) -> Result<Vec<Found>, DicomProblem> {
     let found = || {
-        let entries = series.iter().filter_map(|(uid, headers)| {
-            let (first, slices) = (headers.first()?, headers.iter().map(|h| h.frames.len()).sum());
-            Some(SeriesFound { uid: uid.clone(), modality: first.modality.clone(), slices, size: first.size })
+        let entries = series.iter().filter_map(|(uid, files)| {
+            let headers = || files.iter().filter_map(|found| found.header.as_ref().ok());
+            let (first, slices) = (headers().next()?, headers().map(|h| h.frames.len()).sum());
+            let modality = files.first()?.modality.clone();
+            Some(SeriesFound { uid: uid.clone(), modality, slices, size: first.size })
         });
         entries.collect::<Vec<_>>()
     };
@@ -72,7 +75,7 @@ fn choose(
             series.remove(uid).ok_or_else(|| DicomProblem::SeriesAbsent { uid: uid.into(), found })
         }
         None if series.len() > 1 => Err(DicomProblem::SeveralSeries { found: found() }),
-        None => series.pop_first().map(|(_, headers)| headers).ok_or(DicomProblem::NoSeries),
+        None => series.pop_first().map(|(_, files)| files).ok_or(DicomProblem::NoSeries),
     }
 }
 

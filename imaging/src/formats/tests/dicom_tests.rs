@@ -106,6 +106,19 @@ fn of_several_series_the_case_chooses_one() {
 }
 
 #[test]
+fn a_screenshot_in_another_series_does_no_harm() {
+    let mut files = plain();
+    let mut screenshot = with(slice(0.0, GREY), vec![((0x20, 0x0e), text("UI", "1.2.3.11"))]);
+    screenshot.push(((0x28, 4), text("CS", "RGB")));
+    screenshot.push(((0x28, 2), Value::Short(3)));
+    files.push(screenshot);
+    assert_eq!(read_files(&files).unwrap().volume.data(), expected());
+    // a slice of the series that cannot be used is not left out
+    files.push(with(slice(6.0, GREY), vec![((0x28, 2), Value::Short(3))]));
+    assert_refused(read_files(&files), &["IM4", "SamplesPerPixel is 3"]);
+}
+
+#[test]
 fn slices_that_differ_are_no_series() {
     let second = |tag, value| read_files(&[slice(0.0, GREY), with(slice(2.0, GREY), vec![(tag, value)])]);
     assert_refused(second((0x28, 0x11), Value::Short(2)), &["IM1", "Rows or Columns"]);

@@ -77,6 +77,21 @@ fn a_voxel_of_two_layers_belongs_to_both_segments() {
 }
 
 #[test]
+fn a_mask_is_added_as_a_label_that_is_free() {
+    let mut map = read("a.seg.nrrd", &[SEGMENTATION.as_bytes(), b"\n\x04\x00\x09"].concat()).unwrap();
+    let mask = Volume::new(map.image.volume.grid().clone(), vec![1u16, 7, 0]).unwrap();
+    let label = map.add_mask(&mask, map.names.clone().as_ref()).unwrap();
+    assert_eq!(
+        (label, map.image.volume.data(), &map.further[..]),
+        (65535, &[4, 65535, 9][..], &[(0, 65535)][..])
+    );
+    assert_eq!(map.whole(label).data(), [65535, 65535, 9]);
+    assert_eq!(map.add_mask(&mask, None), Some(65534));
+    let other = Grid::aligned([3, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
+    assert_eq!(map.add_mask(&Volume::filled(other, 1u16), None), None);
+}
+
+#[test]
 fn segmentations_without_voxels_or_with_contradicting_keys_are_refused() {
     let single = SEGMENTATION.replace("sizes: 3", "sizes: 1");
     let refused = |text: &str, data: &[u8], word: &str| {
