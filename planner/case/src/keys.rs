@@ -389,8 +389,9 @@ table! {
         TARGET_LESS = "target.less" "a list of tables { label | box | ball | frustum, margin_mm }", ABSENT, "labels and shapes that are taken away from all that: bone there is kept", "-";
         STRUCTURE = "structure" "tables [[structure]], or `structure = []` when there is nothing to spare", REQUIRED, "what must not be touched", "-";
         STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
-        STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535, or a name of labels.json or of the label file itself", "label or segment is required", "its label", "-";
-        STRUCTURE_SEGMENT = "structure.segment" "a name, in place of label", "label or segment is required", "the name of its segment in a .seg.nrrd or DICOM SEG, of its mask's file, or of its label in labels.json", "-";
+        STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535, or a name of labels.json or of the label file itself", "exactly one of label, segment, file", "its label", "-";
+        STRUCTURE_SEGMENT = "structure.segment" "a name", "exactly one of label, segment, file", "the name of its segment in a .seg.nrrd or DICOM SEG, of its mask's file, or of its label in labels.json", "-";
+        STRUCTURE_FILE = "structure.file" "a path relative to the case file", "exactly one of label, segment, file", "a mask on the label map's grid: voxels that are not 0 belong to the structure, whatever the map says of them", "-";
         ENTRY_LABEL = "path.entry_label" "a number from 1 to 65535 or a name of labels.json", "none: anywhere on the bone", "with plunge or ream and no entry_mm: the channel leaves the bone in this label", "-";
         ENTRY_BALL = "path.entry_ball" "a table { center_mm, radius_mm }", "none: anywhere on the bone", "the same in a ball", "-";
         CHANNEL_DIRECTION = "path.direction" "`safest`, or [x, y, z] in ct, into the bone", "from entry_mm to target_mm where both are given; else required", "with plunge or ream: where the channel leads; `safest`: to target_mm, with the largest weighted clearance to every structure", "-";

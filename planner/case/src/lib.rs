@@ -146,6 +146,8 @@ pub enum LabelRef {
     Number(u16),
     /// The name.
     Name(String),
+    /// A mask in a file of its own, relative to the case; only of a structure.
+    File(PathBuf),
 }
 
 impl fmt::Display for LabelRef {
@@ -153,6 +155,7 @@ impl fmt::Display for LabelRef {
         match self {
             LabelRef::Number(n) => write!(f, "{n}"),
             LabelRef::Name(name) => write!(f, "{name:?}"),
+            LabelRef::File(path) => write!(f, "{:?}", path.to_string_lossy()),
         }
     }
 }

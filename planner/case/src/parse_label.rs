@@ -34,16 +34,18 @@ pub(super) fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
     }
 }
 
-/// A structure's label by number or name, or the segment's name.
+/// A structure's label by number or name, its segment's name, or the file of its mask.
 pub(super) fn read_segment(t: &Walk<'_, '_>) -> LabelRef {
-    match (t.has("label"), t.has("segment")) {
-        (false, true) => LabelRef::Name(t.text(&k::STRUCTURE_SEGMENT).unwrap_or_default()),
-        (true, true) => {
-            let (found, options) = (vec!["label", "segment"], vec!["label", "segment"]);
+    let options = vec!["label", "segment", "file"];
+    let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
+    match found.as_slice() {
+        ["segment"] => LabelRef::Name(t.text(&k::STRUCTURE_SEGMENT).unwrap_or_default()),
+        ["file"] => LabelRef::File(t.text(&k::STRUCTURE_FILE).unwrap_or_default().into()),
+        [] | ["label"] => read_label(t, &k::STRUCTURE_LABEL),
+        _ => {
             t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-            t.accept(&["segment"]);
-            read_label(t, &k::STRUCTURE_LABEL)
+            t.accept(&["label", "segment", "file"]);
+            LabelRef::Number(1)
         }
-        _ => read_label(t, &k::STRUCTURE_LABEL),
     }
 }

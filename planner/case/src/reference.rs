@@ -146,6 +146,7 @@ mod tests {
             "target.f",
             "target.less.",
             "structure.segment",
+            "structure.file",
             "robot.base_from_ct.",
             "robot.flange_from_burr.",
         ];

@@ -80,7 +80,7 @@ impl Case {
                 "structure",
                 &[
                     ("name", text(&s.name)),
-                    ("label", label(&s.label)),
+                    (if matches!(s.label, LabelRef::File(_)) { "file" } else { "label" }, label(&s.label)),
                     ("clearance_mm", float(s.clearance_mm)),
                     ("priority", s.priority.to_string()),
                     ("shank_clearance_mm", float(s.shank_clearance_mm)),
@@ -274,6 +274,7 @@ pub(super) fn label(label: &LabelRef) -> String {
     match label {
         LabelRef::Number(n) => n.to_string(),
         LabelRef::Name(name) => text(name),
+        LabelRef::File(path) => text(&path.to_string_lossy()),
     }
 }
 

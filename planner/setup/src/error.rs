@@ -78,6 +78,14 @@ pub enum PlanError {
         /// The one that it resembles.
         nearest: Option<String>,
     },
+    /// A structure's mask lies on another grid than the label map.
+    #[error("structure '{structure}': the mask {} does not lie on the label map's grid; export it with the map as reference", path.display())]
+    MaskGrid {
+        /// The structure.
+        structure: String,
+        /// The mask.
+        path: PathBuf,
+    },
     /// A label is named, but there is no `labels.json`.
     #[error("{key}: the label {name:?} is a name, but there is no {}: give the label's number",
         beside.with_file_name("labels.json").display())]
@@ -236,6 +244,10 @@ impl PlanError {
             Self::Scene(error) => return scene_key(error, case, folder),
             Self::LabelName { name, .. } | Self::NoLabelNames { name, .. } => {
                 return label_key(case, &LabelRef::Name(name.clone()));
+            }
+            Self::MaskGrid { structure, .. } => {
+                let n = case.structures.iter().position(|s| s.name == *structure)?;
+                return Some(format!("structure[{n}].file"));
             }
             Self::SharedLabel { place, .. } => return Some(format!("structure[{place}].label")),
             Self::Unsupported { key, .. } => key,

@@ -6,7 +6,7 @@ use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, neare
 use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_imaging::{
     Image, LabelMap, LabelNames, Placement, Provenance, available_memory_mb, label_names_path, looks_like_hu,
-    padding_to_air, read_ct_series, read_label_map, read_label_names,
+    padding_to_air, read_ct_series, read_label_map, read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_toolpath::scene::{
@@ -41,6 +41,8 @@ pub struct CaseImages {
     pub labels: Image<u16>,
     /// Further labels of its voxels, by their places in memory, where structures overlap.
     pub further: Vec<(u32, u16)>,
+    /// Files of structures' own masks, as the case names them.
+    pub mask_files: Vec<PathBuf>,
     /// Names of labels, and the file that holds them.
     pub names: Option<(LabelNames, PathBuf)>,
     /// What is to be removed.
@@ -64,10 +66,10 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
     let names = label_names_path(&case.images.labels);
     let mut paths: Vec<&Path> = case_path.file_name().map(Path::new).into_iter().collect();
     let [ct, labels] = [
-        named_files(&case.images.ct, folder, &images.ct.provenance),
-        named_files(&case.images.labels, folder, &images.labels.provenance),
+        named_files(&case.images.ct, &folder.join(&case.images.ct), &images.ct.provenance),
+        named_files(&case.images.labels, &folder.join(&case.images.labels), &images.labels.provenance),
     ];
-    paths.extend(ct.iter().chain(&labels).map(PathBuf::as_path));
+    paths.extend(ct.iter().chain(&labels).chain(&images.mask_files).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
     paths.extend(case.robot.files().map(|(_, path)| path));
     paths.extend(case.tool.files());
@@ -77,10 +79,9 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
 }
 
 /// An image's files as the case names them: below the folder that it names, the file itself, or beside it.
-fn named_files(named: &Path, folder: &Path, provenance: &Provenance) -> Vec<PathBuf> {
-    let place = folder.join(named);
+fn named_files(named: &Path, place: &Path, provenance: &Provenance) -> Vec<PathBuf> {
     let beside = (place.parent(), named.parent());
-    let name = |file: &PathBuf| match (file.strip_prefix(&place), beside) {
+    let name = |file: &PathBuf| match (file.strip_prefix(place), beside) {
         (Ok(below), _) if !below.as_os_str().is_empty() => named.join(below),
         (Ok(_), _) => named.into(),
         // voxels in a file that a header names
@@ -110,6 +111,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     );
     let ((ct, padding), (mut map, beside)) = (ct?, labels?);
     let names = names_of(&mut map, beside, &labels_path);
+    let mut mask_files = Vec::new();
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
     let target = case.target.with_label(|label| number("target.label".into(), label))?;
     let regions = |list: &str, regions: &[TargetRegion]| -> Result<Vec<_>, PlanError> {
@@ -120,7 +122,19 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     let structures = case
         .structures
         .iter()
-        .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
+        .map(|s| {
+            let label = match &s.label {
+                LabelRef::File(file) => {
+                    let path = place(file);
+                    let mask = read_labels(&path, case.images.labels_affine)?;
+                    mask_files.extend(named_files(file, &path, &mask.provenance));
+                    let label = map.add_mask(&mask.volume, names.as_ref().map(|(names, _)| names));
+                    label.ok_or_else(|| PlanError::MaskGrid { structure: s.name.clone(), path })?
+                }
+                label => number(format!("structure '{}'", s.name), label)?,
+            };
+            Ok((s.name.clone(), label))
+        })
         .collect::<Result<Vec<_>, PlanError>>()?;
     labels_differ(&target, &also, &structures)?;
     let mut warnings: Vec<String> =
@@ -130,7 +144,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     }
     warnings.extend(settle(&mut map, (&target, &also, &less), &structures));
     let LabelMap { image: labels, further, .. } = map;
-    Ok(CaseImages { ct, labels, further, names, target, also, less, structures, warnings })
+    Ok(CaseImages { ct, labels, further, names, mask_files, target, also, less, structures, warnings })
 }
 
 /// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that
@@ -207,6 +221,8 @@ fn label_number(
 ) -> Result<u16, PlanError> {
     match label {
         LabelRef::Number(number) => Ok(*number),
+        // only of a structure, whose mask is read before
+        LabelRef::File(path) => Err(PlanError::MaskGrid { structure: key, path: path.clone() }),
         LabelRef::Name(name) => {
             let (name, beside) = (name.clone(), labels_path.to_owned());
             let Some((names, list)) = names else {

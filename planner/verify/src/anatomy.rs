@@ -102,7 +102,16 @@ impl Anatomy {
         let kept = case.structures.iter().map(|s| {
             Ok(Kept {
                 name: s.name.clone(),
-                label: number(&s.label)?,
+                label: match &s.label {
+                    LabelRef::File(file) => {
+                        let path = plan.input_path(file);
+                        let mask = images::labels(&path, named.labels_affine)?.shown;
+                        labels
+                            .add(&mask, &names.all())
+                            .map_err(|problem| VerifyError::Image { path, problem })?
+                    }
+                    label => number(label)?,
+                },
                 clearance_mm: s.clearance_mm,
                 shank_clearance_mm: s.shank_clearance_mm,
             })
@@ -284,11 +293,18 @@ struct Names {
 }
 
 impl Names {
+    /// Every number that has a name.
+    fn all(&self) -> Vec<u16> {
+        let beside = self.beside.iter().flat_map(|names| names.iter().map(|(number, _)| number));
+        self.within.iter().map(|(number, _)| *number).chain(beside).collect()
+    }
+
     /// The number of a label; only the first list that is there counts.
     fn number(&self, label: &LabelRef) -> Result<u16, VerifyError> {
         let name = match label {
             LabelRef::Number(number) => return Ok(*number),
             LabelRef::Name(name) => name,
+            LabelRef::File(path) => return Err(VerifyError::LabelName { name: path.display().to_string() }),
         };
         let within = || self.within.iter().find(|(_, known)| known == name).map(|(number, _)| *number);
         let found = match &self.beside {

@@ -1,6 +1,6 @@
 //! Labels with the names that stand in their own file, and voxels that belong to several.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use bonemill_geometry::{Ct, Volume};
 
@@ -21,6 +21,35 @@ pub struct LabelsRead {
 }
 
 impl LabelsRead {
+    /// Adds a mask on the same grid, and tells its label: one that no voxel and no name has.
+    ///
+    /// # Errors
+    /// [`ReadProblem::Affine`] for another grid.
+    pub fn add(&mut self, mask: &Volume<u16, Ct>, named: &[u16]) -> Result<u16, ReadProblem> {
+        let (a, b) = (self.shown.grid(), mask.grid());
+        let off_mm =
+            a.corners().into_iter().zip(b.corners()).map(|(p, q)| p.distance_mm(&q)).fold(0.0, f64::max);
+        let used: HashSet<u16> = self
+            .shown
+            .data()
+            .iter()
+            .chain(named)
+            .copied()
+            .chain(self.further.iter().map(|(_, l)| *l))
+            .collect();
+        let label = (1..=u16::MAX).rev().find(|label| !used.contains(label));
+        let (Some(label), true) = (label, a.dims() == b.dims() && off_mm <= 1e-3) else {
+            return Err(ReadProblem::Affine("another grid than the label map's"));
+        };
+        for (place, _) in mask.data().iter().enumerate().filter(|(_, value)| **value != 0) {
+            match &mut self.shown.data_mut()[place] {
+                shown @ 0 => *shown = label,
+                _ => self.further.push((place, label)),
+            }
+        }
+        Ok(label)
+    }
+
     /// Shows the label of the highest rank where a voxel has several.
     pub fn show_by(&mut self, rank: impl Fn(u16) -> u8) {
         for (place, other) in &mut self.further {
