@@ -1,0 +1,285 @@
+"""Images that other programs write: one case from NIfTI, NRRD, MetaImage and DICOM is one plan.
+
+The files are written by SimpleITK, pynrrd, pydicom and highdicom. What is not installed is skipped, visibly.
+"""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bonemill
+
+nib = pytest.importorskip("nibabel")
+
+LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+@pytest.fixture(scope="session")
+def images(block: bonemill.Case) -> SimpleNamespace:
+    """The block's voxels and the affine from index to RAS and to LPS, mm."""
+    folder = block.path.parent
+    ct, labels = (nib.load(folder / name) for name in ("ct.nii.gz", "labels.nii.gz"))
+    return SimpleNamespace(
+        folder=folder,
+        case=block.path.read_text(),
+        ct=np.asarray(ct.dataobj).astype(np.int16),
+        labels=np.asarray(labels.dataobj).astype(np.uint8),
+        lps=LPS @ ct.affine,
+        labels_lps=LPS @ labels.affine,
+    )
+
+
+def run(command: Path, *words: Any) -> subprocess.CompletedProcess:
+    return subprocess.run([command, *map(str, words)], capture_output=True, text=True, check=False)
+
+
+def planned(command: Path, folder: Path, text: str) -> Path:
+    """The folder of a plan of a case with this text, whose images lie in `folder`."""
+    (folder / "case.toml").write_text(text)
+    out = folder / "plan"
+    done = run(command, "plan", folder / "case.toml", "--out", out, "--quiet")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out
+
+
+def named(images: SimpleNamespace, ct: str, labels: str = "labels.nii.gz") -> str:
+    return images.case.replace('"ct.nii.gz"', f'"{ct}"').replace('"labels.nii.gz"', f'"{labels}"')
+
+
+@pytest.fixture(scope="session")
+def from_nifti(images: SimpleNamespace, command: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("nifti") / "case"
+    shutil.copytree(images.folder, folder)
+    return planned(command, folder, images.case)
+
+
+@pytest.fixture
+def folder(images: SimpleNamespace, tmp_path: Path) -> Path:
+    """A folder with the block's labels and their names."""
+    for name in ("labels.nii.gz", "labels.json"):
+        if (images.folder / name).exists():
+            shutil.copy(images.folder / name, tmp_path / name)
+    return tmp_path
+
+
+def assert_same(plan: Path, other: Path) -> None:
+    for name in ("waypoints.csv", "forces.csv", "trajectory.csv"):
+        assert (plan / name).read_bytes() == (other / name).read_bytes(), name
+
+
+def sitk_image(sitk: Any, array: np.ndarray, lps: np.ndarray) -> Any:
+    spacing = np.linalg.norm(lps[:3, :3], axis=0)
+    image = sitk.GetImageFromArray(np.ascontiguousarray(array.transpose(2, 1, 0)))
+    image.SetSpacing(spacing.tolist())
+    image.SetDirection((lps[:3, :3] / spacing).ravel().tolist())
+    image.SetOrigin(lps[:3, 3].tolist())
+    return image
+
+
+@pytest.mark.parametrize("name", ["ct.mha", "ct.mhd", "ct.nrrd", "ct.nhdr", "ct.hdr"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_what_simpleitk_writes_is_the_same_plan(
+    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, name: str, compressed: bool
+) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    sitk.WriteImage(sitk_image(sitk, images.ct, images.lps), str(folder / name), useCompression=compressed)
+    assert_same(planned(command, folder, named(images, name)), from_nifti)
+
+
+@pytest.mark.parametrize("space", ["left-posterior-superior", "right-anterior-superior", "left-anterior-superior"])
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "ascii"])
+def test_what_pynrrd_writes_is_the_same_plan(
+    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, space: str, encoding: str
+) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    if encoding == "ascii" and not space.startswith("right"):
+        pytest.skip("one space is enough for text")
+    signs = {"left-p": [1, 1, 1], "right-": [-1, -1, 1], "left-a": [1, -1, 1]}[space[:6]]
+    affine = np.diag([*signs, 1.0]) @ images.lps
+    header = {"space": space, "space directions": affine[:3, :3].T, "space origin": affine[:3, 3], "encoding": encoding}
+    nrrd.write(str(folder / "ct.nrrd"), images.ct, header, index_order="F")
+    assert_same(planned(command, folder, named(images, "ct.nrrd")), from_nifti)
+
+
+def slices(pydicom: Any, images: SimpleNamespace) -> list[Any]:
+    """The CT as CT Image Storage, with a patient in every header; numbers of slices say the opposite of their positions."""
+    from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
+
+    series, study, frame = generate_uid(), generate_uid(), generate_uid()
+    spacing = np.linalg.norm(images.lps[:3, :3], axis=0)
+    along = images.lps[:3, :3] / spacing
+    made = []
+    for k in range(images.ct.shape[2]):
+        ds = pydicom.Dataset()
+        ds.file_meta = pydicom.dataset.FileMetaDataset()
+        ds.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+        ds.SOPClassUID, ds.SOPInstanceUID = CTImageStorage, generate_uid()
+        ds.file_meta.MediaStorageSOPClassUID = ds.SOPClassUID
+        ds.file_meta.MediaStorageSOPInstanceUID = ds.SOPInstanceUID
+        ds.SeriesInstanceUID, ds.StudyInstanceUID, ds.FrameOfReferenceUID = series, study, frame
+        ds.PatientName, ds.PatientID, ds.PatientBirthDate = "Doe^Jane", "PATIENT-7", "19701231"
+        ds.PatientSex, ds.StudyDate, ds.StudyTime, ds.AccessionNumber = "F", "20260102", "030405", "ACC-9"
+        ds.InstitutionName, ds.ReferringPhysicianName, ds.StudyID = "St. Elsewhere", "Who^Dr", "STUDY-3"
+        ds.Modality, ds.ImageType = "CT", ["ORIGINAL", "PRIMARY", "AXIAL"]
+        ds.SeriesNumber, ds.InstanceNumber = 1, images.ct.shape[2] - k
+        ds.SliceLocation = -float(k)
+        ds.ImagePositionPatient = [f"{v:.12g}" for v in images.lps[:3, 3] + k * images.lps[:3, 2]]
+        ds.ImageOrientationPatient = [f"{v:.12g}" for v in [*along[:, 0], *along[:, 1]]]
+        ds.PixelSpacing = [f"{spacing[1]:.12g}", f"{spacing[0]:.12g}"]
+        ds.SliceThickness = f"{spacing[2]:.12g}"
+        ds.Rows, ds.Columns = images.ct.shape[1], images.ct.shape[0]
+        ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
+        ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 16, 15, 0
+        ds.RescaleIntercept, ds.RescaleSlope = -1024 - k, 1
+        stored = images.ct[:, :, k].T.astype(np.int32) + 1024 + k
+        ds.PixelData = stored.astype(np.uint16).tobytes()
+        made.append(ds)
+    return made
+
+
+def assert_near(plan: Path, other: Path) -> None:
+    """The same rows, and numbers to a micrometre: decimal strings of DICOM have 16 characters."""
+    for name in ("waypoints.csv", "trajectory.csv"):
+        rows = [np.genfromtxt(p / name, delimiter=",", skip_header=1, dtype=float) for p in (plan, other)]
+        assert rows[0].shape == rows[1].shape, name
+        assert np.allclose(rows[0], rows[1], rtol=1e-3, atol=1e-3, equal_nan=True), name
+
+
+@pytest.mark.parametrize("compressed", [None, "RLELossless", "ExplicitVRBigEndian"])
+def test_a_dicom_series_is_the_same_plan_and_its_patient_stays_in_it(
+    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, compressed: str | None
+) -> None:
+    pydicom = pytest.importorskip("pydicom")
+    (folder / "dicom").mkdir()
+    for n, ds in enumerate(slices(pydicom, images)):
+        if compressed == "RLELossless":
+            ds.compress(pydicom.uid.RLELossless)
+        elif compressed == "ExplicitVRBigEndian":
+            ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRBigEndian
+            ds.PixelData = np.frombuffer(ds.PixelData, np.uint16).byteswap().tobytes()
+            ds["PixelData"].VR = "OW"
+        ds.save_as(folder / "dicom" / f"IM{(7 * n) % 1009:04d}", enforce_file_format=True)
+    plan = planned(command, folder, named(images, "dicom"))
+    assert_near(plan, from_nifti)
+    secrets = ["Doe", "Jane", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
+    for file in (p for p in plan.rglob("*") if p.is_file()):
+        found = [secret for secret in secrets if secret.encode() in file.read_bytes()]
+        assert not found, f"{file.name}: {found}"
+    # no reader of the verification's own: refused aloud
+    verified = run(command, "verify", plan)
+    assert verified.returncode == 2 and "readers of its own" in verified.stderr, verified.stderr
+
+
+def segments(images: SimpleNamespace, overlap: bool) -> dict[str, np.ndarray]:
+    """A mask for each label of the block, and another structure that shares voxels with the nerve."""
+    names = json.loads((images.folder / "labels.json").read_text())
+    masks = {name: images.labels == number for name, number in names.items()}
+    masks = {name: mask for name, mask in masks.items() if mask.any()}
+    if overlap:
+        shared = np.zeros_like(images.labels, dtype=bool)
+        nerve = np.argwhere(masks["facial_nerve"])
+        shared[tuple(nerve[: len(nerve) // 2].T)] = True
+        masks["Artère"] = shared
+    return masks
+
+
+MORE = '[[structure]]\nname = "artery"\nsegment = "Artère"\nclearance_mm = 1.0\n\n[approach]'
+
+
+def with_segments(images: SimpleNamespace, labels: str) -> str:
+    text = named(images, "ct.nii.gz", labels)
+    assert 'name = "facial_nerve"\nlabel = 1' in text and "[approach]" in text
+    text = text.replace('name = "facial_nerve"\nlabel = 1', 'name = "facial_nerve"\nsegment = "facial_nerve"')
+    return text.replace("[approach]", MORE, 1)
+
+
+def test_overlapping_segments_of_slicer_are_planned_and_verified(
+    images: SimpleNamespace, command: Path, folder: Path
+) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    masks = segments(images, overlap=True)
+    layers = np.zeros((2, *images.labels.shape), np.uint8)
+    keys: dict[str, Any] = {}
+    for n, (name, mask) in enumerate(masks.items()):
+        layer = int(name == "Artère")
+        value = 1 if layer else n + 1
+        layers[layer][mask] = value
+        keys |= {f"Segment{n}_ID": f"s{n}", f"Segment{n}_Name": name}
+        keys |= {f"Segment{n}_LabelValue": str(value), f"Segment{n}_Layer": str(layer)}
+    lps = images.labels_lps
+    header = {
+        "space": "left-posterior-superior",
+        "space directions": np.vstack([[np.nan] * 3, lps[:3, :3].T]),
+        "space origin": lps[:3, 3],
+        "kinds": ["list", "domain", "domain", "domain"],
+        "encoding": "gzip",
+        **keys,
+    }
+    nrrd.write(str(folder / "a.seg.nrrd"), layers, header, index_order="F")
+    plan = planned(command, folder, with_segments(images, "a.seg.nrrd"))
+    assert "share" in (plan / "plan.toml").read_text()
+    verified = run(command, "verify", plan)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    # a name that differs by case and accent
+    text = with_segments(images, "a.seg.nrrd").replace('"Artère"', '"artere"')
+    (folder / "case.toml").write_text(text)
+    refused = run(command, "plan", folder / "case.toml", "--out", folder / "no")
+    assert refused.returncode == 2 and 'did you mean "Artère"' in refused.stderr, refused.stderr
+
+
+def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
+    images: SimpleNamespace, command: Path, folder: Path
+) -> None:
+    pydicom = pytest.importorskip("pydicom")
+    hd = pytest.importorskip("highdicom")
+    from pydicom.sr.codedict import codes
+
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    masks = segments(images, overlap=True)
+    (folder / "masks").mkdir()
+    for name, mask in masks.items():
+        nib.save(nib.Nifti1Image(mask.astype(np.uint8), LPS @ images.labels_lps), folder / "masks" / f"{name}.nii.gz")
+    about = [
+        hd.seg.SegmentDescription(
+            segment_number=n + 1,
+            segment_label=name,
+            segmented_property_category=codes.SCT.Tissue,
+            segmented_property_type=codes.SCT.Bone,
+            algorithm_type=hd.seg.SegmentAlgorithmTypeValues.MANUAL,
+        )
+        for n, name in enumerate(masks)
+    ]
+    pixels = np.stack([mask.transpose(2, 1, 0) for mask in masks.values()], axis=-1).astype(np.uint8)
+    assert np.allclose(images.lps, images.labels_lps), "the block's labels lie on the CT's grid"
+    segmentation = hd.seg.Segmentation(
+        source_images=slices(pydicom, images),
+        pixel_array=pixels,
+        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
+        segment_descriptions=about,
+        series_instance_uid=hd.UID(),
+        series_number=2,
+        sop_instance_uid=hd.UID(),
+        instance_number=1,
+        manufacturer="a",
+        manufacturer_model_name="b",
+        software_versions="c",
+        device_serial_number="d",
+    )
+    segmentation.save_as(folder / "seg.dcm")
+    plans = []
+    for labels in ("masks", "seg.dcm"):
+        own = folder / f"of-{labels}"
+        own.mkdir()
+        shutil.copy(folder / "ct.nii.gz", own)
+        source = folder / labels
+        shutil.copytree(source, own / labels) if source.is_dir() else shutil.copy(source, own / labels)
+        text = with_segments(images, labels)
+        plans.append(planned(command, own, text))
+    assert_near(*plans)
