@@ -8,7 +8,7 @@ use bonemill_imaging::{
     Image, LabelMap, LabelNames, Placement, Provenance, available_memory_mb, label_names_path, looks_like_hu,
     padding_to_air, read_ct_series, read_label_map, read_label_names, read_labels,
 };
-use bonemill_planfile::{Input, StoredPlan};
+use bonemill_planfile::{Input, PlanFileError, StoredPlan};
 use bonemill_toolpath::scene::{
     ApproachSpec, ArmHolds, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
 };
@@ -334,6 +334,26 @@ pub fn make_scene_of(
     })?)
 }
 
+/// The images of a finished plan's case.
+///
+/// # Errors
+/// [`PlanError`] for images that are missing or cannot be read or trusted, and for a folder with files that were not there when the
+/// plan was made.
+pub fn images_of(plan: &StoredPlan, case: &Case) -> Result<CaseImages, PlanError> {
+    let images = read_images(case, |path| plan.input_path(path))?;
+    let known: Vec<PathBuf> = plan.record.inputs.iter().map(|input| plan.input_path(&input.path)).collect();
+    for (named, of) in
+        [(&case.images.ct, &images.ct.provenance), (&case.images.labels, &images.labels.provenance)]
+    {
+        let added = of.files.iter().find(|file| !known.contains(file));
+        if let Some(file) = added.filter(|_| plan.input_path(named).is_dir()) {
+            let (path, missing) = (plan.dir.clone(), file.display().to_string());
+            return Err(PlanFileError::InputNotListed { path, missing }.into());
+        }
+    }
+    Ok(images)
+}
+
 /// The scene of a finished plan, as it was planned on.
 ///
 /// # Errors
@@ -352,7 +372,7 @@ pub fn images_and_scene_of(
 ) -> Result<(CaseImages, Scene), PlanError> {
     let case = &channel::scene_case_of(&plan.record);
     progress.stage("read images");
-    let images = read_images(case, |path| plan.input_path(path))?;
+    let images = images_of(plan, case)?;
     progress.stage("scene");
     let approach = ApproachSpec::Fixed(plan.record.frames.approach_direction);
     let scene = make_scene_of(case, (images.target.clone(), approach), &images)?;

@@ -17,7 +17,7 @@ use bonemill_geometry::{Base, Ct, Point, Progress, Rigid, Tool, Volume, Work};
 use bonemill_planfile::StoredPlan;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_setup::channel::scene_case_of;
-use bonemill_setup::inputs::{make_scene, read_images};
+use bonemill_setup::inputs::{images_of, make_scene};
 use bonemill_setup::{ChannelFault, PlanError};
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
@@ -43,7 +43,7 @@ pub fn simulate_channel(
 ) -> Result<Simulation, SimulateError> {
     progress.stage("read images");
     let case = scene_case_of(&plan.record);
-    let images = read_images(&case, |path| plan.input_path(path))?;
+    let images = images_of(plan, &case)?;
     let scene = make_scene(&case, &images, None)?;
     let tool = ChannelTool::of_case(&case, |file| plan.input_path(file))?;
     progress.stage("forward kinematics");

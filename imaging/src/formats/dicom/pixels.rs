@@ -59,8 +59,11 @@ pub(super) fn frame_bytes<'a>(
         }
         let range = size * frame..size * (frame + 1);
         let short = || failed(format!("{} bytes of PixelData, fewer than its frames need", bytes.len()));
-        let frame = bytes.get(range).ok_or_else(short)?;
-        return Ok(Cow::Owned(frame.to_vec()));
+        return match &bytes {
+            Cow::Borrowed(all) => all.get(range).map(Cow::Borrowed),
+            Cow::Owned(all) => all.get(range).map(|frame| Cow::Owned(frame.to_vec())),
+        }
+        .ok_or_else(short);
     }
     let decoded = object.decode_pixel_data_frame(number).map_err(|e| failed(e.to_string()))?;
     let bytes = decoded.data();

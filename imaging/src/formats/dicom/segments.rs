@@ -175,10 +175,13 @@ fn between_mm(shared: Option<&Attributes<'_>>, own: Option<&Attributes<'_>>) -> 
 }
 
 /// The plane of each frame, counted along the normal from the first, the step between planes and the first plane's origin, LPS, mm.
-fn planes(
-    header: &Header,
-    spacing_mm: Option<f64>,
-) -> Result<(Vec<usize>, Vector3<f64>, Vector3<f64>), DicomProblem> {
+type Planes = (Vec<usize>, Vector3<f64>, Vector3<f64>);
+
+/// The planes of a file's frames.
+///
+/// # Errors
+/// [`DicomProblem`] for frames that differ, or that lie between planes.
+fn planes(header: &Header, spacing_mm: Option<f64>) -> Result<Planes, DicomProblem> {
     let first = header.frames.first().ok_or(DicomProblem::NoSeries)?;
     if let Some(attribute) =
         header.frames.iter().find_map(|frame| difference((header, first), (header, frame)))

@@ -83,7 +83,7 @@ fn choose(
 fn pixels(headers: &[Header], stack: &Stack) -> Result<(Vec<f32>, u64), DicomProblem> {
     let [columns, rows, slices] = stack.grid.dims();
     let slice = columns * rows;
-    // the files hold the pixels: no header alone makes this large
+    // no header alone makes this large
     check_sizes(headers, slice)?;
     let mut values = vec![0f32; slice * slices];
     let mut parts: Vec<Vec<(usize, &mut [f32])>> = headers.iter().map(|_| Vec::new()).collect();
@@ -104,7 +104,7 @@ fn pixels(headers: &[Header], stack: &Stack) -> Result<(Vec<f32>, u64), DicomPro
                 let is_padding =
                     header.pixels.padding.is_some_and(|[first, last]| (first..=last).contains(&number));
                 padded += u64::from(is_padding);
-                *value = if is_padding { AIR_HU as f32 } else { (slope * number as f64 + intercept) as f32 };
+                *value = if is_padding { AIR_HU } else { (slope * number as f64 + intercept) as f32 };
             }
         }
         Ok(padded)
@@ -113,9 +113,14 @@ fn pixels(headers: &[Header], stack: &Stack) -> Result<(Vec<f32>, u64), DicomPro
     Ok((values, padded.iter().sum()))
 }
 
-/// Refuses slices that a file's length cannot hold, compressed or not.
+/// Refuses slices that a file's length cannot hold, compressed or not, and single bits for grey values.
 fn check_sizes(headers: &[Header], slice: usize) -> Result<(), DicomProblem> {
     for header in headers {
+        if header.pixels.allocated < 8 {
+            let (file, found) = (header.name(), header.pixels.allocated.to_string());
+            let [attribute, expected] = ["BitsAllocated", "8, 16 or 32 for grey values"];
+            return Err(DicomProblem::Attribute { file, attribute, found, expected });
+        }
         super::pixels::check_size(header, slice)?;
     }
     Ok(())

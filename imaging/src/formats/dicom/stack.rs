@@ -58,7 +58,8 @@ impl Stack {
         let origin = placed.first().map_or(Vector3::zeros(), |p| p.frame.position);
         let [columns, rows] = first_header.size;
         let dims = [columns, rows, placed.len()];
-        if !dims.iter().try_fold(1u64, |all, n| all.checked_mul(*n as u64)).is_some_and(|n| n <= MAX_VOXELS) {
+        let voxels = dims.iter().fold(1u64, |all, n| all.saturating_mul(*n as u64));
+        if voxels > MAX_VOXELS {
             return Err(DicomProblem::Sizes { dims, limit: MAX_VOXELS });
         }
         let grid = grid(first, step, origin, dims)?;

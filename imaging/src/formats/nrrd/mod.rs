@@ -17,6 +17,9 @@ use super::stored::{Faults, Voxel};
 use header::Header;
 pub(super) use segments::segments;
 
+/// Keys that programs add to a header, with their values.
+pub(super) type Keys = Vec<(String, String)>;
+
 /// The voxels, and the header's own keys and values.
 ///
 /// # Errors
@@ -25,7 +28,7 @@ pub(super) fn read<T: Voxel>(
     source: ImageSource,
     has_layers: bool,
     faulty: impl Fn([usize; 3], Faults) -> FormatProblem,
-) -> Result<(Voxels<T>, Vec<(String, String)>), FormatProblem> {
+) -> Result<(Voxels<T>, Keys), FormatProblem> {
     let ImageSource { path, head, rest, extent } = source;
     let mut from = Box::new(BufReader::with_capacity(1 << 16, Cursor::new(head).chain(rest)));
     let header = Header::read(from.as_mut())?;

@@ -131,6 +131,15 @@ fn slices_that_differ_are_no_series() {
     assert_refused(second((0x20, 0x32), text("DS", "1\\2\\nan")), &["ImagePositionPatient"]);
     assert_refused(second((0x28, 4), text("CS", "RGB")), &["PhotometricInterpretation is RGB"]);
     assert_refused(second((0x28, 0x101), Value::Short(17)), &["BitsStored is 17"]);
+    let bits = vec![
+        ((0x28, 0x100), Value::Short(1)),
+        ((0x28, 0x101), Value::Short(1)),
+        ((0x28, 0x102), Value::Short(0)),
+    ];
+    assert_refused(
+        read_files(&[slice(0.0, GREY), with(slice(2.0, GREY), bits)]),
+        &["IM1", "BitsAllocated is 1"],
+    );
     assert_refused(second((0x7fe0, 0x10), Value::Words(vec![1; 5])), &["IM1, frame 1", "fewer"]);
 }
 
@@ -285,6 +294,8 @@ fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     #[test]
     fn no_bytes_make_the_reader_panic(
         places in prop::collection::vec((132usize..900, any::<u8>()), 1..8), cut in 0.3f64..1.2, many: bool,
