@@ -24,6 +24,9 @@ struct Header {
     list: Vec<String>,
 }
 
+/// Bytes of a number, and what they stand for.
+type Number = (usize, fn(&[u8]) -> f64);
+
 /// An image as NRRD has it.
 pub(super) struct Nrrd {
     pub grid: Grid<Ct>,
@@ -165,7 +168,7 @@ impl Header {
     }
 
     /// Bytes of a number, and what they stand for.
-    fn number(&self) -> Result<(usize, fn(&[u8]) -> f64), ReadProblem> {
+    fn number(&self) -> Result<Number, ReadProblem> {
         let kind = self.get("type")?.to_lowercase();
         let kind = kind.replace("unsigned ", "u").replace("signed ", "").replace("_t", "");
         let kind = kind.trim_end_matches(" int").replace("long long", "longlong");
