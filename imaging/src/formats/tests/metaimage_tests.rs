@@ -5,6 +5,9 @@ use super::*;
 const HEADER: &str = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
     TransformMatrix = 0 1 0 -1 0 0 0 0 1\nOffset = 10 -20 30\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\n\
     ElementSpacing = 0.5 0.25 2\nDimSize = 3 2 2\nElementType = MET_SHORT\nElementDataFile = ";
+/// A type's name, and its bytes of a number.
+type Kind = (&'static str, fn(i16) -> Vec<u8>);
+
 const NUMBERS: [i16; 12] = [-1000, 5, 300, -7, 40, 1200, 0, 1, 2, 3, -2000, 30000];
 
 fn little() -> Vec<u8> {
@@ -48,7 +51,7 @@ fn rows_of_the_matrix_are_the_axes_directions_in_lps() {
 
 #[test]
 fn every_kind_of_number_and_every_way_to_store_it_is_read() {
-    let kinds: [(&str, fn(i16) -> Vec<u8>); 10] = [
+    let kinds: [Kind; 10] = [
         ("MET_CHAR", |n| (n as i8).to_le_bytes().into()),
         ("MET_UCHAR", |n| (n as u8).to_le_bytes().into()),
         ("MET_SHORT", |n| n.to_le_bytes().into()),
