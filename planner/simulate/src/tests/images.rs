@@ -31,6 +31,7 @@ fn scene(spacing_mm: f64) -> Scene {
     build_scene(&SceneSpec {
         ct: &voxels(|v| if v[2] < 20 { 1200.0 } else { -1000.0 }),
         labels: &voxels(|v| if is_target(v) { TARGET } else { 0 }),
+        further: &[],
         labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
         also: &also,
