@@ -51,10 +51,18 @@ fn a_corrupt_image_is_refused_whatever_is_wrong_with_it() {
     for (key, name) in [("images.ct", "ct.nii"), ("images.labels", "labels.nii")] {
         let damage: [(&str, fn(&mut Vec<u8>), &str); 11] = [
             ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI-1"),
-            ("NRRD", |b| *b = b"NRRD0004\ntype: short\ndimension: 3\n\n".to_vec(), "is an NRRD file"),
+            (
+                "NRRD",
+                |b| *b = b"NRRD0004\ntype: short\ndimension: 3\n\n".to_vec(),
+                "the header has no field `sizes`",
+            ),
             ("empty", Vec::clear, "ends after 0 bytes; expected a NIfTI-1 header"),
             ("magic", |b| put(b, 344, b"xyz\0"), "magic \"xyz\\0\", expected \"n+1\\0\""),
-            ("half of a pair", |b| put(b, 344, b"ni1\0"), "expected a single .nii or .nii.gz file"),
+            (
+                "half of a pair",
+                |b| put(b, 344, b"ni1\0"),
+                "is the header of a .hdr/.img pair, whose voxels in ",
+            ),
             (
                 "colour",
                 |b| put_shorts(b, field::DATATYPE, &[128, 24]),
@@ -87,10 +95,10 @@ fn a_folder_in_an_images_place_is_refused() {
         let place = Place::healthy();
         fs::remove_file(place.path(name)).unwrap();
         fs::create_dir(place.path(name)).unwrap();
-        place.refuses(&[&place.line_of(name), name, "is a folder; expected a NIfTI-1 file"]);
+        place.refuses(&[&place.line_of(name), name, "is a folder without images; expected an image file"]);
         let file = [&[0; 128][..], b"DICM", &[0; 400]].concat();
         fs::write(place.path(name).join("0001.dcm"), file).unwrap();
-        place.refuses(&[&place.line_of(name), name, "is a folder of DICOM files", "dcm2niix"]);
+        place.refuses(&[&place.line_of(name), name, "0001.dcm", "cannot be read as DICOM"]);
     }
 }
 
