@@ -118,8 +118,8 @@ fn removed_volume_is_the_plan_s() {
     assert!((by_rows / all - 1.0).abs() < 1e-9, "{by_rows} of {all}");
     assert!((volume / planned - 1.0).abs() < 0.04, "{volume} of {planned}");
     assert_eq!(removed["structure"]["mm3"].as_f64(), Some(0.0));
-    // the sum of the surface's rates at the end of each step: a part of its error decreases with the step; the rest comes from
-    // surface that is touched again within the error of interpolated depths
+    // the sum of the surface's rates at the end of each step: its bone is the images', that of the volume the planning grid's, and
+    // surface is touched again within the error of interpolated depths
     let by_rate = |found: &serde_json::Value| {
         let mass: f64 = ["material", "bone", "obstacle"]
             .map(|k| found["figures"]["simulated_removed"][k]["mg"].as_f64().unwrap())
@@ -131,7 +131,7 @@ fn removed_volume_is_the_plan_s() {
     done(&ran);
     let finer: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
     let [coarse, fine] = [by_rate(&found), by_rate(&finer)];
-    assert!(fine < coarse && coarse < 0.1, "{coarse} at 0.1 mm, {fine} at 0.02 mm");
+    assert!(fine < 0.03 && coarse < 0.03, "{coarse} at 0.1 mm, {fine} at 0.02 mm");
 }
 
 #[test]

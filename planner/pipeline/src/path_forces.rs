@@ -29,9 +29,11 @@ use super::start::Start;
 /// which the one before it ends.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
-/// Where edges push without a chip, forces jump with the direction. Then they are computed at more places: in rounded corners, as shares of the way
-/// from one vertex to the next, and in others, as [`SweptPath::bone_within`] counts what the burr has turned.
-const IN_ROUNDED: &[f64] = &[0.05, 0.5];
+/// Places in rounded corners, as shares of the way from one vertex to the next: the largest force may be in the middle of a turn ..
+const IN_ROUNDED: &[f64] = &[0.5, 1.0];
+/// .. and where edges push without a chip, since such forces jump with the direction; then also in corners that are not rounded, as
+/// [`SweptPath::bone_within`] counts what the burr has turned.
+const IN_ROUNDED_WITH_EDGES: &[f64] = &[0.05, 0.5];
 const TURNED: [f64; 5] = [1.05, 1.25, 1.5, 1.75, 1.95];
 /// Largest change of direction of a move that goes straight on, rad.
 const STRAIGHT_RAD: f64 = 1e-3;
@@ -45,7 +47,7 @@ const AS_LARGE: f64 = 0.9;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm, and the steps to the middle of the others ..
-const CORNERS: (f64, usize) = (2e-3, 1);
+const CORNERS: (f64, usize) = (2e-3, 2);
 /// .. and where edges push without a chip.
 const CORNERS_WITH_EDGES: (f64, usize) = (5e-4, 4);
 
@@ -168,13 +170,13 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
     swept.comes_back(i).into_iter().flat_map(around).collect()
 }
 
-/// More places in the corners of move i where edges push without a chip.
+/// Places in the corners of move i.
 pub(super) fn turning(swept: &SweptPath, i: usize, has_edges: bool) -> Vec<f64> {
     if !has_edges {
-        return Vec::new();
+        return swept.in_corners(i, IN_ROUNDED);
     }
     let turned = TURNED.iter().filter(|_| !swept.is_rounded(i));
-    swept.in_corners(i, IN_ROUNDED).into_iter().chain(turned.copied()).collect()
+    swept.in_corners(i, IN_ROUNDED_WITH_EDGES).into_iter().chain(turned.copied()).collect()
 }
 
 /// The shaft's axis after a share of the way of move i: it turns during the move.
