@@ -34,6 +34,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
             let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
             warnings.clone_from(&plan.record.warnings);
+            warnings.extend(found.shared_readers.iter().map(ToString::to_string));
             if let Some(model) = model {
                 let risk = simulate_errors(&plan, &model, progress)?;
                 drawn = Some((model, risk));
@@ -46,6 +47,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
                 Check::none_wrong("inputs unchanged", 1).at(Place::Named(path.display().to_string())),
             ],
             files: digests(dir)?,
+            shared_readers: vec![],
         },
         Err(error) => {
             return Err(error).with_context(|| format!("the plan in {} cannot be read", dir.display()));

@@ -20,6 +20,13 @@ impl Sha256 {
         Self(sha2::Sha256::digest(text).into())
     }
 
+    /// The digest of pieces, one behind the other.
+    pub fn of_pieces<P: AsRef<[u8]>>(pieces: impl Iterator<Item = P>) -> Self {
+        let mut hasher = sha2::Sha256::new();
+        pieces.for_each(|piece| hasher.update(piece));
+        Self(hasher.finalize().into())
+    }
+
     /// The digest of a file's bytes, for files of any size.
     ///
     /// # Errors

@@ -9,7 +9,8 @@ use bonemill_imaging::{LabelNames, label_names_path, read_label_names};
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
-use super::{VerifyError, images};
+use super::VerifyError;
+use super::images::{self, SharedReader};
 
 /// HU beyond the scan.
 pub const OUTSIDE_HU: f64 = -1000.0;
@@ -67,6 +68,8 @@ pub struct Anatomy {
     pub less: Vec<WantedRegion>,
     /// What is to be kept, in the case's order.
     pub kept: Vec<Kept>,
+    /// Images that only the planner's reader can read.
+    pub shared_readers: Vec<SharedReader>,
 }
 
 impl Anatomy {
@@ -78,11 +81,12 @@ impl Anatomy {
         let case = &plan.record.case;
         let named = &case.images;
         let (ct, labels) = rayon::join(
-            || images::ct(&plan.input_path(&named.ct), named.ct_affine),
+            || images::ct(&plan.input_path(&named.ct), named.ct_affine, named.ct_series.as_deref()),
             || images::labels(&plan.input_path(&named.labels), named.labels_affine),
         );
         let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
-        let (ct, mut labels) = (ct?, labels?);
+        let ((ct, ct_reader), (mut labels, labels_reader)) = (ct?, labels?);
+        let mut shared_readers: Vec<SharedReader> = ct_reader.into_iter().chain(labels_reader).collect();
         let names = Names {
             within: std::mem::take(&mut labels.names),
             beside: names,
@@ -105,9 +109,10 @@ impl Anatomy {
                 label: match &s.label {
                     LabelRef::File(file) => {
                         let path = plan.input_path(file);
-                        let mask = images::labels(&path, named.labels_affine)?.shown;
+                        let (mask, reader) = images::labels(&path, named.labels_affine)?;
+                        shared_readers.extend(reader.map(|r| SharedReader { key: "structure.file", ..r }));
                         labels
-                            .add(&mask, &names.all())
+                            .add(&mask.shown, &names.all())
                             .map_err(|problem| VerifyError::Image { path, problem })?
                     }
                     label => number(label)?,
@@ -129,7 +134,7 @@ impl Anatomy {
         let own_maps = labels.own_maps((1..=u16::MAX).filter(|label| {
             kept.iter().any(|k| k.label == *label) || in_regions(&also, *label) || in_regions(&less, *label)
         }));
-        Ok(Self { ct, labels: labels.shown, own_maps, names, wanted, also, less, kept })
+        Ok(Self { ct, labels: labels.shown, own_maps, names, wanted, also, less, kept, shared_readers })
     }
 
     /// The number of a label that the case names, where it has one.

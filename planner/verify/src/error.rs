@@ -22,9 +22,9 @@ pub enum VerifyError {
         /// What is wrong with it.
         problem: ReadProblem,
     },
-    /// The names of labels cannot be read.
+    /// The planner's reader of images, or of names of labels, refuses a file.
     #[error(transparent)]
-    LabelNames(#[from] ImageError),
+    Imaging(#[from] ImageError),
     /// A file of the plan cannot be read.
     #[error(transparent)]
     File(#[from] PlanFileError),
@@ -65,15 +65,6 @@ pub enum ReadProblem {
     /// No header of a NIfTI-1 file.
     #[error("is not NIfTI-1 in a single file")]
     NotNifti,
-    /// A format for which the verification has no reader of its own.
-    #[error(
-        "is {format}: the verification reads NIfTI-1 and NRRD with readers of its own, and none of its own reads this. Convert \
-         it, for example with 3D Slicer, and plan on the converted file"
-    )]
-    NoReader {
-        /// What it is.
-        format: &'static str,
-    },
     /// A field of an NRRD header is missing or cannot be used.
     #[error("`{field}` in its header: expected {expected}")]
     Header {

@@ -1,9 +1,9 @@
-//! Reads the plan's images again, NIfTI-1 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Other
-//! formats are refused, so that no plan passes on images that only the planner has read.
+//! Reads the plan's images again, NIfTI-1 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Images of
+//! other formats are read by the planner's reader, and the verdict says so ([`shared`]).
 //!
 //! Fields are taken at the byte offsets of `nifti1.h` (**Source:** NIfTI data format working group), and a file is refused unless
 //! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some
-//! writers leave it) means no scaling. Not read: NIfTI-2, pairs of files, several volumes, colours.
+//! writers leave it) means no scaling. Not read: NIfTI-2, several volumes, colours.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -19,8 +19,10 @@ use super::error::ReadProblem;
 
 mod nrrd;
 mod segments;
+mod shared;
 
 pub use segments::LabelsRead;
+pub use shared::SharedReader;
 
 /// Header and extension flag, bytes: voxels start there or later.
 const HEADER_BYTES: usize = 352;
@@ -38,26 +40,47 @@ const PADDING_HU: f32 = -1500.0;
 /// HU of air.
 const AIR_HU: f32 = -1000.0;
 
-/// A CT's grey values. [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are not finite.
-pub fn ct(path: &Path, choice: AffineChoice) -> Result<Volume<f32, Ct>, VerifyError> {
-    let mut ct = ct_as_stored(path, choice)?;
+/// A CT's grey values; of a folder with several DICOM series that with a SeriesInstanceUID. The second value tells of a format that
+/// only the planner's reader knows.
+///
+/// # Errors
+/// [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are not finite.
+pub fn ct(
+    path: &Path,
+    choice: AffineChoice,
+    series: Option<&str>,
+) -> Result<(Volume<f32, Ct>, Option<SharedReader>), VerifyError> {
+    let (mut ct, reader) = match shared::format(path)? {
+        Some(format) => {
+            let (ct, reader) = shared::ct(path, choice, series, format)?;
+            (ct, Some(reader))
+        }
+        None => (ct_as_stored(path, choice)?, None),
+    };
     ct.data_mut().iter_mut().filter(|v| **v < PADDING_HU).for_each(|v| *v = AIR_HU);
-    Ok(ct)
+    Ok((ct, reader))
 }
 
 fn ct_as_stored(path: &Path, choice: AffineChoice) -> Result<Volume<f32, Ct>, VerifyError> {
     image(path, choice, "a finite number", |v| Some(v as f32).filter(|v| v.is_finite())).map(|(ct, _)| ct)
 }
 
-/// A label map, with what its own file says about names and shared voxels. [`VerifyError::Image`] for a file that is not beyond
-/// doubt, and for values that are no label.
-pub fn labels(path: &Path, choice: AffineChoice) -> Result<LabelsRead, VerifyError> {
+/// A label map, with what its own file says about names and shared voxels, and as for a CT its reader.
+///
+/// # Errors
+/// [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are no label.
+pub fn labels(path: &Path, choice: AffineChoice) -> Result<(LabelsRead, Option<SharedReader>), VerifyError> {
+    if let Some(format) = shared::format(path)? {
+        let (labels, reader) = shared::labels(path, choice, format)?;
+        return Ok((labels, Some(reader)));
+    }
     let label = |v: f64| {
         let is_whole = |n: &f64| (v - n).abs() <= 1e-6 * n.max(1.0);
         Some(v.round()).filter(|n| (0.0..=65535.0).contains(n) && is_whole(n)).map(|n| n as u16)
     };
     let (shown, more) = image(path, choice, "a whole number from 0 to 65535", label)?;
-    segments::labels_read(shown, more).map_err(|problem| VerifyError::Image { path: path.into(), problem })
+    let labels = segments::labels_read(shown, more);
+    labels.map(|labels| (labels, None)).map_err(|problem| VerifyError::Image { path: path.into(), problem })
 }
 
 /// What a file says beside the first number of each voxel.
@@ -76,9 +99,6 @@ fn image<T: Copy>(
 ) -> Result<(Volume<T, Ct>, More<T>), VerifyError> {
     let valid = |(voxel, value)| convert(value).ok_or(ReadProblem::Voxel { voxel, value, expected });
     let read = || -> Result<_, ReadProblem> {
-        if let Some(format) = unread(path)? {
-            return Err(ReadProblem::NoReader { format });
-        }
         let mut file = BufReader::new(File::open(path)?);
         let is_gzip = file.fill_buf()?.starts_with(&[0x1f, 0x8b]);
         let mut bytes: Box<dyn BufRead> =
@@ -98,23 +118,6 @@ fn image<T: Copy>(
         Ok((Volume::new(grid, values)?, More::Extension(extension)))
     };
     read().map_err(|problem| VerifyError::Image { path: path.into(), problem })
-}
-
-/// A format that the planner reads and this module does not.
-fn unread(path: &Path) -> Result<Option<&'static str>, ReadProblem> {
-    if path.is_dir() {
-        return Ok(Some("a folder (a DICOM series, or one mask per structure)"));
-    }
-    let mut first = Vec::new();
-    File::open(path)?.take(132).read_to_end(&mut first)?;
-    Ok(if first.ends_with(b"DICM") {
-        Some("a DICOM file")
-    } else if first.starts_with(b"ObjectType") || first.starts_with(b"NDims") || first.starts_with(b"Comment")
-    {
-        Some("a MetaImage file")
-    } else {
-        None
-    })
 }
 
 /// Voxel sizes, mm, and the nearest perpendicular axes of the steps along i, j, k; `Affine` where these are not perpendicular, up to

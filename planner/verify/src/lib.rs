@@ -55,6 +55,7 @@ pub(crate) use anatomy::{Anatomy, Kept};
 pub(crate) use boxes::Boxes;
 pub use check::{Check, LimitSide, Place, Short};
 pub use error::{ReadProblem, VerifyError};
+pub use images::SharedReader;
 pub use result::Verification;
 
 use bonemill_geometry::Progress;
@@ -140,5 +141,5 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         Some(spec) => channel::checks(&evidence, spec, progress)?,
         None => milled::checks(&evidence, progress)?,
     });
-    Ok(Verification { checks, files })
+    Ok(Verification { checks, files, shared_readers: anatomy.shared_readers.clone() })
 }

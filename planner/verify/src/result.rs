@@ -6,6 +6,7 @@ use bonemill_case::write::text;
 use bonemill_planfile::Sha256;
 
 use super::check::{Check, LimitSide};
+use super::images::SharedReader;
 use super::requirements::SHORT;
 
 /// The result of a verification.
@@ -15,6 +16,8 @@ pub struct Verification {
     pub checks: Vec<Check>,
     /// The files of the plan for which the result is valid, with their digests.
     pub files: Vec<(String, Sha256)>,
+    /// Images that only the planner's reader can read: of these there is no second opinion.
+    pub shared_readers: Vec<SharedReader>,
 }
 
 impl Verification {
@@ -38,10 +41,11 @@ impl Verification {
         let failed = self.failed().count();
         let mut out = format!(
             "# A second opinion on this plan, by bonemill. It holds for the files below and no others.\n\
-             version = {}\npassed = {}\nchecks = {}\nfailed = {failed}\n\n[files]\n",
+             version = {}\npassed = {}\nchecks = {}\nfailed = {failed}\nshared_readers = [{}]\n\n[files]\n",
             text(env!("CARGO_PKG_VERSION")),
             failed == 0,
             self.checks.len(),
+            self.shared_readers.iter().map(|r| text(&r.to_string())).collect::<Vec<_>>().join(", "),
         );
         for (name, digest) in &self.files {
             // writing to a String cannot fail
@@ -97,7 +101,8 @@ mod tests {
             Check::at_most("joint range", f64::NAN, 0.0, "mm"),
         ];
         let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad".parse().unwrap();
-        let found = Verification { checks, files: vec![("plan.toml".into(), digest)] };
+        let found =
+            Verification { checks, files: vec![("plan.toml".into(), digest)], shared_readers: vec![] };
         assert!(!found.passed() && found.failed().count() == 2);
         let read: toml::Table = found.to_toml().parse().unwrap();
         assert_eq!(read["passed"].as_bool(), Some(false));

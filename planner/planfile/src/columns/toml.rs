@@ -437,6 +437,13 @@ pub const VERIFICATION: &[Column] = &[
     Column::new("passed", "1", "", "Whether no check failed."),
     Column::new("checks", "1", "", "How many checks were made."),
     Column::new("failed", "1", "", "How many of them failed."),
+    Column::new(
+        "shared_readers",
+        "texts",
+        "",
+        "Images of a format for which `verify` has no reader of its own, so that the planner's reader was used again; with a \
+         digest of what was read.",
+    ),
     Column::new("files.NAME", "SHA-256", "", "The plan's files that the verdict holds for."),
     Column::new("check.name", "text", "", "What was checked."),
     Column::new(

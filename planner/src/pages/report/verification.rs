@@ -24,6 +24,12 @@ pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) 
             "<div class=\"verdict bad\">{failed} of {count} checks failed. The code of these checks did not make the plan.<ul>{reasons}</ul></div>"
         )
     };
+    out.extend(
+        verification
+            .shared_readers
+            .iter()
+            .map(|r| format!("<p class=\"note\">{}.</p>", escape(&r.to_string()))),
+    );
     out.extend(risk.map(|(model, risk)| under_errors(model, risk)));
     let rows: String = verification.checks.iter().map(row).collect();
     let _ = write!(
@@ -134,7 +140,7 @@ mod tests {
     fn the_verdict_says_what_failed_and_where() {
         let good = Check::at_least("clearance of moves", 1.02, 1.0, "mm").of("a <nerve>");
         let bad = Check::at_most("joint jerk", 8.0, 7.5, "mm/s³").at(Place::Waypoint(7)).noting("why & how");
-        let of = |checks| section(&Verification { checks, files: vec![] }, None);
+        let of = |checks| section(&Verification { checks, files: vec![], shared_readers: vec![] }, None);
         let sound = of(vec![good.clone()]);
         assert!(sound.contains("All 1 checks passed") && !sound.contains("bad"), "{sound}");
         let page = of(vec![good, bad]);
@@ -169,7 +175,10 @@ mod tests {
         let force = ForceSpread { name: "peak".into(), planned_n: 2.0, spread_n: [1.0, 2.0, 3.5] };
         let risk =
             Risk { structures: vec![structure("a <nerve>", 80), structure("dura", 0)], forces: vec![force] };
-        let page = section(&Verification { checks: vec![], files: vec![] }, Some((&model, &risk)));
+        let page = section(
+            &Verification { checks: vec![], files: vec![], shared_readers: vec![] },
+            Some((&model, &risk)),
+        );
         for part in [
             "evaluated 400 times",
             "registration 0.3 mm along and 0.57, 1.15, 0.57° about",

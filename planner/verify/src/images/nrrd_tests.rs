@@ -21,7 +21,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 
 /// Whether both read the same, or both refuse; where only this crate's reader refuses, `None`.
 fn agree(path: &Path) -> Option<bool> {
-    match (ct(path, AUTO), read_ct(path, AUTO)) {
+    match (ct(path, AUTO, None).map(|(ct, _)| ct), read_ct(path, AUTO)) {
         (Ok(ours), Ok(theirs)) => {
             let theirs = theirs.volume;
             let corners = ours.grid().corners().into_iter().zip(theirs.grid().corners());
@@ -95,7 +95,7 @@ fn segments_that_share_voxels_are_the_same_by_both_readers() {
     let path = dir.path().join("a.seg.nrrd");
     std::fs::write(&path, [header.as_bytes(), keys.as_bytes(), b"\n", &[1, 0, 1, 1, 0, 1]].concat()).unwrap();
     let rank = |label: u16| u8::from(label == 2);
-    let (mut ours, mut theirs) = (labels(&path, AUTO).unwrap(), read_label_map(&path, AUTO).unwrap());
+    let (mut ours, mut theirs) = (labels(&path, AUTO).unwrap().0, read_label_map(&path, AUTO).unwrap());
     ours.show_by(rank);
     theirs.settle(rank);
     assert_eq!((ours.shown.data(), ours.shown.data()), (&[1, 2, 2][..], theirs.image.volume.data()));
@@ -105,19 +105,28 @@ fn segments_that_share_voxels_are_the_same_by_both_readers() {
 }
 
 #[test]
-fn a_format_without_a_reader_of_its_own_is_refused_aloud() {
+fn a_format_without_a_reader_of_its_own_is_told() {
     let dir = tempfile::tempdir().unwrap();
-    let file = |name: &str, bytes: &[u8]| {
-        std::fs::write(dir.path().join(name), bytes).unwrap();
-        dir.path().join(name)
-    };
-    for (path, word) in [
-        (file("a.dcm", &[&[0; 128][..], b"DICM\x02\0\0\0UL\x04\0"].concat()), "is a DICOM file"),
-        (file("a.mha", b"ObjectType = Image\nNDims = 3\n"), "is a MetaImage file"),
-        (dir.path().to_owned(), "is a folder"),
+    let path = dir.path().join("a.mha");
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 3 1 1\nElementSpacing = 1 2 3\nOffset = 1 2 3\n\
+        TransformMatrix = 1 0 0 0 1 0 0 0 1\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
+    let voxels: Vec<u8> = [7i16, 0, 300].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(&path, [header.as_bytes(), &voxels].concat()).unwrap();
+    let (ct, reader) = ct(&path, AUTO, None).unwrap();
+    assert_eq!((ct.grid().dims(), ct.data()), ([3, 1, 1], &[7.0, 0.0, 300.0][..]));
+    let said = reader.unwrap().to_string();
+    // Python: hashlib.sha256(struct.pack("<3I12q3f", 3, 1, 1, -10000, 0, 0, -10000, 0, -20000, 0, -20000, 0, 0, 30000, 30000, 7, 0, 300))
+    let digest = "143f81f6846bbd8125636f41e20b81bec93af390dc8729784bb1369ed022865b";
+    assert!(said.contains("images.ct is a MetaImage file") && said.ends_with(digest), "{said}");
+    let (labels, reader) = labels(&path, AUTO).unwrap();
+    assert_eq!((labels.shown.data(), reader.unwrap().key), (&[7, 0, 300][..], "images.labels"));
+    // a pair and a DICOM file go to the planner's reader, too, which refuses these
+    for (name, bytes, word) in [
+        ("a.dcm", [&[0; 128][..], b"DICM\x02\0\0\0UL\x04\0"].concat(), "a.dcm"),
+        ("a.hdr", [&[92, 1, 0, 0][..], &[0; 340], b"ni1\0"].concat(), "a."),
     ] {
-        let said = ct(&path, AUTO).unwrap_err().to_string();
-        assert!(said.contains(word) && said.contains("readers of its own"), "{said}");
-        assert_eq!(labels(&path, AUTO).unwrap_err().to_string(), said);
+        std::fs::write(dir.path().join(name), bytes).unwrap();
+        let error = super::ct(&dir.path().join(name), AUTO, None).unwrap_err();
+        assert!(matches!(&error, VerifyError::Imaging(_)) && error.to_string().contains(word), "{error:?}");
     }
 }

@@ -107,7 +107,7 @@ fn agree(bytes: &[u8], is_gzip: bool, choice: AffineChoice) -> Result<bool, Stri
     std::fs::write(&path, stored).unwrap();
     let grey = (ct_as_stored(&path, choice), read_ct(&path, choice));
     let is_read = same(grey.0, grey.1.map(|image| image.volume))?;
-    let label = (labels(&path, choice).map(|read| read.shown), read_labels(&path, choice));
+    let label = (labels(&path, choice).map(|(read, _)| read.shown), read_labels(&path, choice));
     Ok(same(label.0, label.1.map(|image| image.volume))? || is_read)
 }
 
