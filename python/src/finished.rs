@@ -90,7 +90,7 @@ impl From<NotDone> for PyErr {
                 errors::PlanFileError::new_err(text)
             }
             NotDone::Simulate(SimulateError::Images(RustPlanError::Image(_) | RustPlanError::Scene(_)))
-            | NotDone::Verify(VerifyError::Image { .. } | VerifyError::LabelNames(_)) => {
+            | NotDone::Verify(VerifyError::Image { .. } | VerifyError::Imaging(_)) => {
                 errors::ImageError::new_err(text)
             }
             NotDone::Simulate(SimulateError::Engine(EngineError::Model(_))) => {
