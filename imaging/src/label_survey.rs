@@ -5,7 +5,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use bonemill_geometry::{Ct, Point, Volume};
-use nalgebra::Vector3;
 
 /// Width of the bins from which quantiles are taken, HU.
 const BIN_HU: f64 = 10.0;
@@ -170,6 +169,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use bonemill_geometry::Grid;
+    use nalgebra::Vector3;
 
     use super::*;
 
