@@ -22,6 +22,9 @@ pub use side::{SideFound, side};
 
 use super::Case;
 
+/// Names of the arms for which a case can be made.
+pub const ROBOTS: [&str; 4] = ["bone-attached", "ur3e", "ur5e", "ur10e"];
+
 /// A label of the map, or a mask of its own file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundLabel {

@@ -231,3 +231,14 @@ fn hostile_names_stay_in_their_strings_and_comments() {
     assert_eq!(made.case.structures.len(), 2);
     assert_eq!(made.case.structures[0].label, LabelRef::Name(names[1].into()));
 }
+
+#[test]
+fn a_case_can_be_made_for_every_named_arm() {
+    let ear = labels(&EAR);
+    let choice = choose(&ear, &Wishes::default()).unwrap();
+    for robot in ROBOTS {
+        assert_eq!(made(&ear, &choice, |draft| draft.robot = robot).unwrap().case.robot.model, robot);
+    }
+    let urs: Vec<&str> = bonemill_arm::ur::UrModel::ALL.iter().map(|model| model.name()).collect();
+    assert_eq!(urs, ROBOTS[1..]);
+}
