@@ -149,6 +149,9 @@ pub struct CaseArgs {
     /// Remove the bone in a ball instead: its centre in RAS+ and its radius, mm
     #[arg(long, num_args = 4, value_names = ["X", "Y", "Z", "RADIUS"], conflicts_with = "target")]
     pub target_ball_mm: Option<Vec<f64>>,
+    /// Or in a cone's frustum: the middles of its ends and their radii, mm
+    #[arg(long, num_args = 8, value_names = ["X", "Y", "Z", "RADIUS", "X", "Y", "Z", "RADIUS"], conflicts_with_all = ["target", "target_ball_mm"])]
+    pub target_frustum_mm: Option<Vec<f64>>,
     /// A label to be spared that its name does not tell; may be repeated
     #[arg(long, value_name = "NAME|NUMBER")]
     pub structure: Vec<String>,

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use bonemill_imaging::slicer::{read_base_from_ct, read_markups};
 use bonemill_planner::Progress;
-use bonemill_planner::case::Case;
 use bonemill_planner::case::draft::{
     self, Choice, Draft, Drafted, FoundLabel, ImagePaths, KnownPlace, Role, SideFound, TargetChoice,
     TargetWish, Wishes,
 };
+use bonemill_planner::case::{Case, Target};
 use bonemill_planner::plan::{relative_path, replace};
 use bonemill_planner::survey::Survey;
 use nalgebra::Vector3;
@@ -39,7 +39,7 @@ pub fn run(args: &CaseArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     let side = draft::side(&survey.labels, &choice, survey.bone_x_mm);
     let beside = match choice.target {
         TargetChoice::Label(target) => survey.labels.get(target).map(|label| survey.beside(label.number)),
-        TargetChoice::Ball { .. } => None,
+        TargetChoice::Shape(_) => None,
     };
     let drafted = draft::draft(
         &Draft {
@@ -71,28 +71,24 @@ struct Output {
 }
 
 impl Output {
-    /// Refuses what exists, unless it may be replaced, and what is read.
+    /// Refuses what is no case file by its name, and what exists, unless it may be replaced.
     fn of(args: &CaseArgs) -> anyhow::Result<Self> {
         let path = args.out.clone();
-        let name = path.file_name().and_then(|name| name.to_str()).map(str::to_owned);
-        let name = name.with_context(|| format!("--out {}: expected the name of a file", path.display()))?;
+        let name = path.file_name().and_then(|name| name.to_str()).filter(|name| name.ends_with(".toml"));
+        let name = name.map(str::to_owned);
+        let name =
+            name.with_context(|| format!("--out {}: expected a file such as case.toml", path.display()))?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if path.is_dir() {
-            anyhow::bail!(
-                "{} is a folder; expected the name of a file such as {}",
-                path.display(),
-                path.join("case.toml").display()
-            );
-        }
-        if path.symlink_metadata().is_ok() && !args.force {
-            anyhow::bail!("{} exists: choose another name, or --force to replace it", path.display());
-        }
-        let read =
-            [Some(&args.ct), args.approach.as_ref(), args.registration.as_ref(), args.fiducials.as_ref()];
-        let is_out =
-            |input: &PathBuf| matches!((input.canonicalize(), path.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        if let Some(input) = read.into_iter().flatten().chain(&args.labels).find(|input| is_out(input)) {
-            anyhow::bail!("{} is read, and would be replaced: choose another name", input.display());
+        if let Ok(there) = path.symlink_metadata() {
+            if !there.is_file() {
+                anyhow::bail!(
+                    "{} is no ordinary file, and is not replaced: choose another name",
+                    path.display()
+                );
+            }
+            if !args.force {
+                anyhow::bail!("{} exists: choose another name, or --force to replace it", path.display());
+            }
         }
         Ok(Self { folder: folder.into(), name, path })
     }
@@ -137,12 +133,22 @@ fn known_place(args: &CaseArgs) -> anyhow::Result<KnownPlace> {
 fn wishes(args: &CaseArgs) -> Wishes {
     let ball = match args.target_ball_mm.as_deref() {
         Some([x, y, z, radius_mm]) => {
-            Some(TargetWish::Ball { center_mm: Vector3::new(*x, *y, *z), radius_mm: *radius_mm })
+            Some(Target::Ball { center_mm: Vector3::new(*x, *y, *z), radius_mm: *radius_mm })
         }
         _ => None,
     };
+    let frustum = match args.target_frustum_mm.as_deref() {
+        Some([x, y, z, from_radius_mm, to_x, to_y, to_z, to_radius_mm]) => Some(Target::Frustum {
+            from_mm: Vector3::new(*x, *y, *z),
+            to_mm: Vector3::new(*to_x, *to_y, *to_z),
+            from_radius_mm: *from_radius_mm,
+            to_radius_mm: *to_radius_mm,
+        }),
+        _ => None,
+    };
     let label = args.target.clone().map(TargetWish::Label);
-    Wishes { target: label.or(ball), structures: args.structure.clone(), ignored: args.ignore.clone() }
+    let target = label.or(ball.or(frustum).map(TargetWish::Shape));
+    Wishes { target, structures: args.structure.clone(), ignored: args.ignore.clone() }
 }
 
 /// Every label on a line, with what it is taken for where that is known.
@@ -204,14 +210,12 @@ fn figures(labels: &[FoundLabel], choice: &Choice, case: &Case, side: &SideFound
         .map(|s| json!({ "name": s.name, "clearance_mm": s.clearance_mm, "priority": s.priority }))
         .collect();
     let target = match choice.target {
-        TargetChoice::Label(place) => json!({ "label": labels.get(place).map(|label| label.number) }),
-        TargetChoice::Ball { center_mm, radius_mm } => {
-            json!({ "ball": { "center_mm": [center_mm.x, center_mm.y, center_mm.z], "radius_mm": radius_mm } })
-        }
+        TargetChoice::Label(place) => labels.get(place).map(|label| label.number),
+        TargetChoice::Shape(_) => None,
     };
     json!({
         "labels": labels.iter().zip(&choice.roles).map(label).collect::<Vec<_>>(),
-        "target": target,
+        "target_label": target,
         "structures": structures,
         "side": side.side.map(|side| side.word()),
         "side_reason": side.reason,

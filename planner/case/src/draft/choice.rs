@@ -1,10 +1,8 @@
 //! Which label is the target, which are spared, and which are left: by usual names, and by what the user asks for.
 
-use nalgebra::Vector3;
-
 use super::kinds::{Meaning, OTHER, StructureKind, meaning, same_name};
 use super::{DraftError, FoundLabel};
-use crate::nearest;
+use crate::{Target, nearest};
 
 /// What the user asks for; labels by their name or number.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -22,13 +20,8 @@ pub struct Wishes {
 pub enum TargetWish {
     /// A label by its name or number.
     Label(String),
-    /// The bone in a ball.
-    Ball {
-        /// Its centre in ct, mm.
-        center_mm: Vector3<f64>,
-        /// Its radius, mm.
-        radius_mm: f64,
-    },
+    /// A shape.
+    Shape(Target),
 }
 
 /// What a label is taken for.
@@ -63,17 +56,12 @@ impl Role {
 }
 
 /// The target of a choice.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum TargetChoice {
     /// The place of its label in the list.
     Label(usize),
-    /// The bone in a ball.
-    Ball {
-        /// Its centre in ct, mm.
-        center_mm: Vector3<f64>,
-        /// Its radius, mm.
-        radius_mm: f64,
-    },
+    /// A shape.
+    Shape(Target),
 }
 
 /// What every label is taken for.
@@ -108,9 +96,7 @@ pub fn choose(labels: &[FoundLabel], wishes: &Wishes) -> Result<Choice, DraftErr
     };
     let target = match &wishes.target {
         Some(TargetWish::Label(name)) => Some(TargetChoice::Label(take(TARGET, name)?)),
-        Some(TargetWish::Ball { center_mm, radius_mm }) => {
-            Some(TargetChoice::Ball { center_mm: *center_mm, radius_mm: *radius_mm })
-        }
+        Some(TargetWish::Shape(shape)) => Some(TargetChoice::Shape(shape.clone())),
         None => None,
     };
     for name in &wishes.structures {

@@ -29,8 +29,8 @@ pub struct StructureKind {
     clearance_um: u32,
     /// Its place among the kinds by importance, 1 first.
     pub rank: u32,
-    /// Sequences of words by which it is known; `=`: the whole name.
-    words: &'static [&'static str],
+    /// Sequences of words by which it is known, parted by `|`; `=`: the whole name.
+    words: &'static str,
 }
 
 impl StructureKind {
@@ -42,7 +42,7 @@ impl StructureKind {
 
 /// A structure whose kind is not known. The clearance is the key's default.
 pub static OTHER: StructureKind =
-    StructureKind { name: "structure", clearance_um: 1000, rank: 16, words: &[] };
+    StructureKind { name: "structure", clearance_um: 1000, rank: 16, words: "" };
 
 /// Kinds in the order in which names are compared: those of several words before those of one. Clearances and ranks of the facial
 /// nerve, labyrinth, sigmoid sinus, dura and ear canal are those of the temporal phantom; of the rest assumed: the key's default of
@@ -52,170 +52,53 @@ static KINDS: [StructureKind; 15] = [
         "facial nerve",
         1000,
         1,
-        &[
-            "facial nerve",
-            "facial canal",
-            "fallopian canal",
-            "nerve vii",
-            "vii nerve",
-            "cn vii",
-            "cn7",
-            "=facial",
-            "=facialis",
-            "=fn",
-            "=n7",
-        ],
+        "facial nerve|facial canal|fallopian canal|nerve vii|vii nerve|cn vii|cn7|=facial|=facialis|=fn|=n7",
     ),
-    kind("chorda tympani", 500, 9, &["chorda"]),
-    kind("internal auditory canal", 1000, 3, &["internal auditory", "internal acoustic", "iac", "iam"]),
+    kind("chorda tympani", 500, 9, "chorda"),
+    kind("internal auditory canal", 1000, 3, "internal auditory|internal acoustic|iac|iam"),
     kind(
         "vestibulocochlear nerve",
         1000,
         3,
-        &[
-            "vestibular nerve",
-            "cochlear nerve",
-            "vestibulocochlear nerve",
-            "auditory nerve",
-            "nerve viii",
-            "cn viii",
-            "cn8",
-        ],
+        "vestibular nerve|cochlear nerve|vestibulocochlear nerve|auditory nerve|nerve viii|cn viii|cn8",
     ),
     kind(
         "labyrinth",
         1000,
         2,
-        &[
-            "labyrinth",
-            "inner ear",
-            "cochlea",
-            "vestibule",
-            "semicircular",
-            "otic capsule",
-            "vestibular aqueduct",
-            "cochlear aqueduct",
-            "endolymphatic",
-            "=scc",
-            "=lscc",
-            "=pscc",
-            "=sscc",
-        ],
+        "labyrinth|inner ear|cochlea|vestibule|semicircular|otic capsule|vestibular aqueduct|cochlear aqueduct|endolymphatic|=scc|=lscc|=pscc|=sscc",
     ),
-    kind(
-        "sigmoid sinus",
-        500,
-        5,
-        &["sigmoid", "transverse sinus", "lateral sinus", "venous sinus", "dural sinus"],
-    ),
-    kind("dura", 500, 7, &["dura", "meninges", "sinus and dura"]),
-    kind("tegmen", 500, 7, &["tegmen"]),
-    kind("carotid", 1000, 4, &["carotid", "ica"]),
-    kind("jugular", 500, 6, &["jugular"]),
-    kind("ossicles", 500, 10, &["ossicle", "ossicular", "malleus", "incus", "stapes"]),
+    kind("sigmoid sinus", 500, 5, "sigmoid|transverse sinus|lateral sinus|venous sinus|dural sinus"),
+    kind("dura", 500, 7, "dura|meninges|sinus and dura"),
+    kind("tegmen", 500, 7, "tegmen"),
+    kind("carotid", 1000, 4, "carotid|ica"),
+    kind("jugular", 500, 6, "jugular"),
+    kind("ossicles", 500, 10, "ossicle|ossicular|malleus|incus|stapes"),
     kind(
         "ear canal",
         500,
         11,
-        &[
-            "ear canal",
-            "auditory canal",
-            "auditory meatus",
-            "acoustic meatus",
-            "acoustic canal",
-            "eac",
-            "eam",
-            "tympanic membrane",
-            "eardrum",
-            "ear drum",
-        ],
+        "ear canal|auditory canal|auditory meatus|acoustic meatus|acoustic canal|eac|eam|tympanic membrane|eardrum|ear drum",
     ),
-    kind("brain", 1000, 8, &["brain", "brainstem", "cerebellum", "cerebrum", "temporal lobe", "spinal cord"]),
-    kind("eye", 1000, 12, &["eye", "eyeball", "globe", "orbit", "optic"]),
-    kind("nerve or vessel", 1000, 13, &["nerve", "artery", "vein", "vessel", "aorta"]),
+    kind("brain", 1000, 8, "brain|brainstem|cerebellum|cerebrum|temporal lobe|spinal cord"),
+    kind("eye", 1000, 12, "eye|eyeball|globe|orbit|optic"),
+    kind("nerve or vessel", 1000, 13, "nerve|artery|vein|vessel|aorta"),
 ];
 
-const fn kind(
-    name: &'static str,
-    clearance_um: u32,
-    rank: u32,
-    words: &'static [&'static str],
-) -> StructureKind {
+const fn kind(name: &'static str, clearance_um: u32, rank: u32, words: &'static str) -> StructureKind {
     StructureKind { name, clearance_um, rank, words }
 }
 
 /// The target. A cavity by itself may be the nose's or a joint's, so that its other words must say more.
-const TARGETS: &[&str] = &[
-    "target",
-    "resection",
-    "mastoidectomy",
-    "drill",
-    "drilled",
-    "drilling",
-    "to remove",
-    "to be removed",
-    "removal",
-    "milling",
-    "milled",
-    "=cavity",
-    "surgical cavity",
-    "planned cavity",
-    "mastoid cavity",
-    "bone cavity",
-    "cavity plan",
-];
+const TARGETS: &str = "target|resection|mastoidectomy|drill|drilled|drilling|to remove|to be removed|removal|milling|milled|=cavity|surgical cavity|planned cavity|mastoid cavity|bone cavity|cavity plan";
 /// Words beside those of a target that turn its meaning.
-const REFUSALS: &[&str] = &["no", "not", "non", "keep", "avoid", "spare", "outside", "without"];
+const REFUSALS: &str = "no|not|non|keep|avoid|spare|outside|without";
 /// Bone, by the names of TotalSegmentator and others.
-const BONES: &[&str] = &[
-    "bone",
-    "bony",
-    "skull",
-    "cranium",
-    "calvaria",
-    "mandible",
-    "maxilla",
-    "=mastoid",
-    "tooth",
-    "teeth",
-    "vertebra",
-    "vertebrae",
-    "rib",
-    "clavicle",
-    "clavicula",
-    "scapula",
-    "humerus",
-    "sternum",
-    "sacrum",
-    "hip",
-    "pelvis",
-    "femur",
-    "tibia",
-    "fibula",
-    "patella",
-    "=foam",
-];
+const BONES: &str = "bone|bony|skull|cranium|calvaria|mandible|maxilla|=mastoid|tooth|teeth|vertebra|vertebrae|rib|clavicle|clavicula|scapula|humerus|sternum|sacrum|hip|pelvis|femur|tibia|fibula|patella|=foam";
 /// Air.
-const AIRS: &[&str] = &[
-    "air",
-    "air cell",
-    "airway",
-    "nasal cavity",
-    "oral cavity",
-    "tympanic cavity",
-    "middle ear",
-    "maxillary sinus",
-    "sinus maxillary",
-    "frontal sinus",
-    "sinus frontal",
-    "sphenoid sinus",
-    "ethmoid",
-    "paranasal",
-    "trachea",
-];
+const AIRS: &str = "air|mastoid cell|airway|nasal cavity|oral cavity|tympanic cavity|middle ear|maxillary sinus|sinus maxillary|frontal sinus|sinus frontal|sphenoid sinus|ethmoid|paranasal|trachea";
 /// Soft tissue, and what holds a whole body part.
-const SOFT: &[&str] =
-    &["soft tissue", "skin", "face", "fat", "muscle", "mucosa", "=head", "=body", "=background", "=tissue"];
+const SOFT: &str = "soft tissue|skin|face|fat|muscle|mucosa|=head|=body|=background|=tissue";
 
 /// A side of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -239,14 +122,14 @@ impl Side {
 /// What a name tells.
 pub fn meaning(name: &str) -> Meaning {
     let words: Vec<String> = words(name).into_iter().filter(|word| side_of(word).is_none()).collect();
-    let holds = |list: &[&str]| list.iter().any(|phrase| contains(&words, phrase));
+    let holds = |list: &str| list.split('|').any(|phrase| contains(&words, phrase));
     let is_target = holds(TARGETS);
     let structure = KINDS.iter().find(|kind| holds(kind.words));
     match (is_target, structure) {
         (true, Some(_)) => Meaning::Unknown,
         (true, None) if holds(REFUSALS) => Meaning::Unknown,
         (true, None) => Meaning::Target,
-        (false, Some(_)) if holds(&["soft tissue"]) => Meaning::Unknown,
+        (false, Some(_)) if holds("soft tissue") => Meaning::Unknown,
         (false, Some(kind)) => Meaning::Structure(kind),
         (false, None) if holds(AIRS) => Meaning::Air,
         (false, None) if holds(BONES) => Meaning::Bone,

@@ -112,7 +112,7 @@ pub struct Drafted {
 /// [`DraftError::Fiducials`] for fewer than three points, [`DraftError::Approach`] for two points in one place, [`DraftError::Path`]
 /// for a path that is not Unicode, [`DraftError::Refused`] when a case of these values is none.
 pub fn draft(draft: &Draft<'_>, file: &Path) -> Result<Drafted, DraftError> {
-    let text = text::write(draft)?;
+    let text = text::case_text(draft)?;
     let case = Case::parse(&text, file).map_err(DraftError::Refused)?;
     Ok(Drafted { text, case, notes: text::notes(draft) })
 }

@@ -3,6 +3,7 @@
 use super::choice::{Choice, TargetChoice};
 use super::kinds::{Side, side_in};
 use super::{FoundLabel, Role};
+use crate::Target;
 
 /// Bone that reaches this far from left to right belongs to both sides, mm: a skull is 120 to 160 mm wide at the ears, the field of view
 /// of one temporal bone 60 to 100 mm. Assumed.
@@ -70,9 +71,20 @@ fn lies(labels: &[FoundLabel], choice: &Choice, bone_x_mm: Option<[f64; 2]>) -> 
     let [low, high] = bone_x_mm.filter(|[low, high]| high - low >= BOTH_SIDES_MM)?;
     let x_mm = match choice.target {
         TargetChoice::Label(place) => labels.get(place)?.survey.as_ref()?.center.coords.x,
-        TargetChoice::Ball { center_mm, .. } => center_mm.x,
+        TargetChoice::Shape(ref shape) => middle_x_mm(shape)?,
     };
     let off_mm = x_mm - 0.5 * (low + high);
     let is_off = off_mm.abs() >= OFF_MIDDLE_SHARE * (high - low);
     is_off.then_some(if off_mm > 0.0 { Side::Right } else { Side::Left })
+}
+
+/// Where the middle of a shape lies in x, ct.
+fn middle_x_mm(shape: &Target) -> Option<f64> {
+    match shape {
+        Target::Label(_) | Target::Swept => None,
+        Target::Box { min_mm: a, max_mm: b } | Target::Frustum { from_mm: a, to_mm: b, .. } => {
+            Some(0.5 * (a.x + b.x))
+        }
+        Target::Ball { center_mm, .. } => Some(center_mm.x),
+    }
 }

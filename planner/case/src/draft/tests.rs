@@ -85,10 +85,11 @@ fn wishes_go_before_names() {
     assert_eq!(choice.structures, [3, 1, 4]);
     assert_eq!(choice.roles[2], Role::Left(Meaning::Unknown), "what is named like a target is told");
     assert_eq!(choice.roles[5], Role::Ignored);
-    let ball = TargetWish::Ball { center_mm: Vector3::new(1.0, 2.0, 3.0), radius_mm: 4.0 };
-    let choice = choose(&labels[..2], &Wishes { target: Some(ball), ..Wishes::default() }).unwrap();
+    let ball = Target::Ball { center_mm: Vector3::new(1.0, 2.0, 3.0), radius_mm: 4.0 };
+    let wishes = Wishes { target: Some(TargetWish::Shape(ball.clone())), ..Wishes::default() };
+    let choice = choose(&labels[..2], &wishes).unwrap();
     let made = made(&labels[..2], &choice, |_| {}).unwrap();
-    assert_eq!(made.case.target, Target::Ball { center_mm: Vector3::new(1.0, 2.0, 3.0), radius_mm: 4.0 });
+    assert_eq!(made.case.target, ball);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::choice::{TargetChoice, structure_name};
 use super::kinds::{Meaning, Side};
 use super::{Draft, DraftError, FoundLabel, KnownPlace, Role};
-use crate::write::{float, list, rigid, text, vector};
+use crate::write::{self, float, list, rigid, text, vector};
 
 /// Where comments begin behind a value.
 const COMMENT: usize = 33;
@@ -19,7 +19,7 @@ const BONE_HU: f64 = 200.0;
 const STRAIGHT_MM: f64 = 180.0;
 
 /// The case file.
-pub(super) fn write(draft: &Draft<'_>) -> Result<String, DraftError> {
+pub(super) fn case_text(draft: &Draft<'_>) -> Result<String, DraftError> {
     let mut out = Lines(String::new());
     out.comment("A case made from a CT and its labels by `bonemill case`. Its values are to start from: read them before anything is milled.");
     out.comment("Lengths are mm, directions are in the image's RAS+ frame (\"ct\"): +x right, +y front, +z up. Paths are relative to this file.");
@@ -61,9 +61,9 @@ fn images(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
 
 fn target(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
     out.table("[target]");
-    match draft.choice.target {
+    match &draft.choice.target {
         TargetChoice::Label(place) => {
-            if let Some(label) = draft.labels.get(place) {
+            if let Some(label) = draft.labels.get(*place) {
                 out.key("label", label_value(label)?, &figures(label));
             }
             let (taken, _) = touching(draft);
@@ -77,9 +77,11 @@ fn target(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
                 out.key("less", format!("[{}]", regions.join(", ")), "");
             }
         }
-        TargetChoice::Ball { center_mm, radius_mm } => {
-            let ball = format!("{{ center_mm = {}, radius_mm = {} }}", vector(&center_mm), float(radius_mm));
-            out.key("ball", ball, "bone and enclosed air in a ball, less every structure and its clearance");
+        TargetChoice::Shape(shape) => {
+            out.comment("Bone and enclosed air in a shape, less every structure and its clearance.");
+            if let Some((key, value)) = write::target(shape) {
+                out.key(key, value, "");
+            }
         }
     }
     Ok(())
@@ -117,7 +119,7 @@ fn others(out: &mut Lines, draft: &Draft<'_>) {
                 "Labels that are neither target nor structure. To spare one, add a [[structure]] for it.",
             );
         }
-        out.comment(&format!("- {}: {}; {}", described(label), figures(label), role.words()));
+        out.comment(&format!("- {}: {}; {}", described(label), volume(label), role.words()));
     }
 }
 
@@ -273,16 +275,18 @@ fn label_value(label: &FoundLabel) -> Result<String, DraftError> {
     Ok(name.map_or_else(|| label.number.to_string(), text))
 }
 
-/// A label's figures.
+/// A label's number and figures.
 fn figures(label: &FoundLabel) -> String {
     let number = if label.mask.is_some() { String::new() } else { format!("label {}: ", label.number) };
+    number + &volume(label)
+}
+
+/// A label's volume and mean.
+fn volume(label: &FoundLabel) -> String {
     let hu = label.survey.as_ref().and_then(|survey| survey.hu);
     let hu = hu.map_or("beyond the CT".into(), |hu| format!("mean {:.0} HU", hu.mean_hu));
-    if label.survey.is_none() {
-        format!("{number}no voxel")
-    } else {
-        format!("{number}{:.1} mm³, {hu}", label.volume_mm3())
-    }
+    let voxels = label.survey.as_ref().map(|survey| format!("{:.1} mm³, {hu}", survey.volume_mm3));
+    voxels.unwrap_or_else(|| "no voxel".into())
 }
 
 /// A label in a message.
