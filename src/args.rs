@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::calibrate::Coefficient;
+use bonemill_planner::case::draft::ROBOTS;
 use bonemill_planner::plan::{Need, PlanFileError, StoredPlan};
 use bonemill_planner::simulate::ModelName;
 use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -82,6 +83,8 @@ impl Command {
 pub enum Command {
     /// Write a test body: CT, labels and a commented case file
     Phantom(PhantomArgs),
+    /// Make a commented case file from a CT and labels: target and structures by their usual names
+    Case(CaseArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
     /// Turn a part (STL, OBJ, PLY) into a proven milling program: orientation, block, toolpath, G-code
@@ -120,6 +123,53 @@ pub struct PhantomArgs {
     /// Folder to write; it must not exist or must be empty
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+}
+
+/// A label is named by its name or number.
+#[derive(Debug, clap::Args)]
+pub struct CaseArgs {
+    /// CT: an image file, or a folder with a DICOM series
+    #[arg(value_name = "CT")]
+    pub ct: PathBuf,
+    /// The label map with target and structures; further files are masks of one structure each, on its grid, named by their files
+    #[arg(value_name = "LABELS", required = true)]
+    pub labels: Vec<PathBuf>,
+    /// Case file to write
+    #[arg(long, value_name = "CASE.toml")]
+    pub out: PathBuf,
+    /// Replace the case file if it exists
+    #[arg(long)]
+    pub force: bool,
+    /// SeriesInstanceUID of the CT, where its folder has several series
+    #[arg(long, value_name = "UID")]
+    pub ct_series: Option<String>,
+    /// The label to be removed, where names do not tell it
+    #[arg(long, value_name = "NAME|NUMBER")]
+    pub target: Option<String>,
+    /// Remove the bone in a ball instead: its centre in RAS+ and its radius, mm
+    #[arg(long, num_args = 4, value_names = ["X", "Y", "Z", "RADIUS"], conflicts_with = "target")]
+    pub target_ball_mm: Option<Vec<f64>>,
+    /// Or in a cone's frustum: the middles of its ends and their radii, mm
+    #[arg(long, num_args = 8, value_names = ["X", "Y", "Z", "RADIUS", "X", "Y", "Z", "RADIUS"], conflicts_with_all = ["target", "target_ball_mm"])]
+    pub target_frustum_mm: Option<Vec<f64>>,
+    /// A label to be spared that its name does not tell; may be repeated
+    #[arg(long, value_name = "NAME|NUMBER")]
+    pub structure: Vec<String>,
+    /// A label not to be spared, whatever its name tells; may be repeated
+    #[arg(long, value_name = "NAME|NUMBER")]
+    pub ignore: Vec<String>,
+    /// The arm; for a UR a handpiece straight on the flange is assumed
+    #[arg(long, default_value = ROBOTS[0], value_parser = clap::builder::PossibleValuesParser::new(ROBOTS))]
+    pub robot: String,
+    /// A line or curve of 3D Slicer (.mrk.json, .fcsv): its first point outside, its last inside the bone; the shaft is to stand along it
+    #[arg(long, value_name = "F.mrk.json")]
+    pub approach: Option<PathBuf>,
+    /// Registration: 3D Slicer's transform (.tfm, .txt) under which the CT lies where the robot's base sees it, Slicer's world being the base
+    #[arg(long, value_name = "T.tfm", conflicts_with = "fiducials")]
+    pub registration: Option<PathBuf>,
+    /// Points of 3D Slicer (.mrk.json, .fcsv), at least three, that the arm will touch in this order; what it finds is to be entered in the case
+    #[arg(long, value_name = "F.mrk.json")]
+    pub fiducials: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]

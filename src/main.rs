@@ -6,6 +6,7 @@
 #![expect(clippy::print_stderr, reason = "only the command speaks")]
 
 mod args;
+mod case;
 mod compare;
 mod console;
 mod drill_log;
@@ -80,6 +81,7 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
     pool.build_global().context("cannot start the worker threads")?;
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
+        Command::Case(args) => case::run(args, console),
         Command::Plan(plan) => plan::run(plan, console),
         Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
         Command::Stock(stock) => stock::run(stock),

@@ -67,6 +67,13 @@ impl Outcome {
         outcome
     }
 
+    /// A case was made; `text` tells what of.
+    pub fn drafted(out: &Path, text: String, figures: serde_json::Value) -> Self {
+        let mut outcome = Self::values("case", text, figures);
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome
+    }
+
     /// A plan was written to `out`.
     pub fn planned(out: &Path, record: &PlanRecord) -> Self {
         let m = &record.metrics;

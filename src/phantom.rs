@@ -23,7 +23,7 @@ pub fn run(args: &PhantomArgs, progress: &dyn Progress) -> anyhow::Result<Outcom
 }
 
 /// A folder beside `dir` that is not there yet, named after it.
-fn vacant_beside(dir: &Path) -> PathBuf {
+pub fn vacant_beside(dir: &Path) -> PathBuf {
     let name = dir.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let named =
         |n: u32| dir.with_file_name(if n == 1 { format!("{name}-plan") } else { format!("{name}-plan-{n}") });
@@ -31,7 +31,7 @@ fn vacant_beside(dir: &Path) -> PathBuf {
 }
 
 /// A path as one word of a POSIX shell.
-fn shell_word(path: &Path) -> String {
+pub fn shell_word(path: &Path) -> String {
     let text = path.to_string_lossy();
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:=@%".contains(c);
     if text.chars().all(is_plain) { text.into_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }

@@ -14,6 +14,7 @@ mod accuracy;
 mod arms;
 mod bad_case;
 mod bad_input;
+mod case_of_images;
 mod channel;
 mod columns;
 mod command;

@@ -275,6 +275,7 @@ fn file_access(source: &Source) -> Vec<String> {
         "imaging/src/memory",
         "imaging/src/write",
         "imaging/src/names",
+        "imaging/src/slicer/",
         "robot/arm/src/arm/reader",
         "robot/src/export/",
         "prosthesis/src/catalogue/",

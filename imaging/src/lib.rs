@@ -5,8 +5,8 @@
 //! is NIfTI's own world, RAS+; nothing is flipped.
 //!
 //! - files: [`read_ct`], [`read_labels`], [`read_label_map`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`],
-//!   [`write_segments`], [`write_phantom`];
-//! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`];
+//!   [`write_segments`], [`write_phantom`]; points and transforms of 3D Slicer: [`slicer`];
+//! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`]; of each label: [`survey_labels`];
 //! - distances on a grid: [`distance_transform`], [`distance_within`]; from any point: [`StructureField`].
 //!
 //! ```
@@ -33,11 +33,13 @@ mod distance;
 mod error;
 mod formats;
 mod hounsfield;
+mod label_survey;
 mod memory;
 mod names;
 pub mod part;
 pub mod phantom;
 mod resample;
+pub mod slicer;
 mod structures;
 pub mod surface;
 mod write;
@@ -54,6 +56,7 @@ pub use formats::{
     read_labels, whole,
 };
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu, padding_to_air};
+pub use label_survey::{GreyValues, LabelSurvey, bone_extent_x_mm, labels_beside, survey_labels};
 pub use memory::available_memory_mb;
 pub use names::{LabelNames, LabelNamesProblem, label_names_path, read_label_names};
 pub use resample::{AIR_HU, resample_hu, resample_hu_and_density, resample_nearest};

@@ -5,6 +5,7 @@
 //! done here.
 
 mod accuracy;
+pub mod draft;
 mod edit;
 mod error;
 mod explain;

@@ -286,7 +286,7 @@ fn list_of(regions: &[TargetRegion]) -> String {
     format!("[{}]", regions.iter().filter_map(table).collect::<Vec<_>>().join(", "))
 }
 
-fn target(target: &Target) -> Option<(&'static str, String)> {
+pub(super) fn target(target: &Target) -> Option<(&'static str, String)> {
     Some(match target {
         Target::Swept => return None,
         Target::Label(l) => ("label", label(l)),

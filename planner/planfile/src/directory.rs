@@ -290,6 +290,24 @@ fn check_vacant(target: &Path, replace: Replace) -> Result<(), PlanFileError> {
     }
 }
 
+/// The relative path from an existing folder to an existing file or folder. A link at the path's end is kept, since files beside it may
+/// count.
+///
+/// # Errors
+/// [`PlanFileError::Io`] when one of them does not exist.
+pub fn relative_path(from: &Path, to: &Path) -> Result<PathBuf, PlanFileError> {
+    let find = |path: &Path| path.canonicalize().map_err(PlanFileError::io("find", path));
+    let whole = find(to)?;
+    let here = Path::new(".");
+    let or_here =
+        |path: &'_ Path| if path.as_os_str().is_empty() { here.to_owned() } else { path.to_owned() };
+    let named = match (to.parent(), to.file_name()) {
+        (Some(parent), Some(name)) => find(&or_here(parent))?.join(name),
+        _ => whole,
+    };
+    Ok(relative(&find(&or_here(from))?, &named))
+}
+
 /// The relative path from folder `from` to `to`, both absolute.
 fn relative(from: &Path, to: &Path) -> PathBuf {
     let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();

@@ -36,7 +36,9 @@ pub use channel::ChannelRecord;
 pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
 pub use cutting_edges::read_cutting_edges;
-pub use directory::{PROSTHESIS_HEADER, Replace, SCENE_HEADER, StagedDirectory, is_prosthesis};
+pub use directory::{
+    PROSTHESIS_HEADER, Replace, SCENE_HEADER, StagedDirectory, is_prosthesis, relative_path,
+};
 pub use dropped::read_dropped;
 pub use error::{MissingInput, PlanFileError};
 pub use files::{FILES, NOTES, copy_files};

@@ -149,7 +149,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
 
 /// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that
 /// lies beside them may be another map's.
-fn names_of(
+pub(super) fn names_of(
     map: &mut LabelMap,
     beside: Option<LabelNames>,
     labels_path: &Path,

@@ -12,6 +12,7 @@ pub mod reach;
 pub mod registration;
 mod setup;
 mod stopwatch;
+pub mod survey;
 pub mod tools;
 
 pub use channel_fault::ChannelFault;

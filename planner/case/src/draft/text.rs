@@ -1,0 +1,343 @@
+//! The text of a case that was made from labels, and what the user should know of it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use bonemill_arm::ur::UrModel;
+use nalgebra::Vector3;
+
+use super::choice::{TargetChoice, structure_name};
+use super::kinds::{Meaning, Side};
+use super::{Draft, DraftError, FoundLabel, KnownPlace, Role};
+use crate::write::{self, float, list, rigid, text, vector};
+
+/// Where comments begin behind a value.
+const COMMENT: usize = 33;
+/// Bone's least HU, the default of density.bone_hu.
+const BONE_HU: f64 = 200.0;
+/// How far a handpiece straight on the flange holds the burr before it, mm. Assumed.
+const STRAIGHT_MM: f64 = 180.0;
+
+/// The case file.
+pub(super) fn case_text(draft: &Draft<'_>) -> Result<String, DraftError> {
+    let mut out = Lines(String::new());
+    out.comment("A case made from a CT and its labels by `bonemill case`. Its values are to start from: read them before anything is milled.");
+    out.comment("Lengths are mm, directions are in the image's RAS+ frame (\"ct\"): +x right, +y front, +z up. Paths are relative to this file.");
+    out.comment("A key that is left out has its documented default; `bonemill keys` lists all.");
+    let side = draft.side.side.map_or("not known", Side::word);
+    out.comment(&format!("Side: {side}: {}.", draft.side.reason));
+    if draft.choice.structures.is_empty() {
+        out.line(
+            "\nstructure = []",
+            "no label is taken for something to spare: only bone outside the target is kept",
+        );
+    }
+    images(&mut out, draft)?;
+    target(&mut out, draft)?;
+    structures(&mut out, draft)?;
+    others(&mut out, draft);
+    approach(&mut out, draft)?;
+    tool(&mut out);
+    robot(&mut out, draft)?;
+    Ok(out.0)
+}
+
+fn images(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
+    out.table("[images]");
+    out.key("ct", path(&draft.images.ct)?, "");
+    if let Some(uid) = &draft.images.ct_series {
+        out.key("ct_series", text(uid), "");
+    }
+    out.key("labels", path(&draft.images.labels)?, "");
+    out.table("[density]");
+    out.comment("Assumed for clinical CT. Read two values off this scan, of muscle and of the thinnest bone to be kept, and take their middle.");
+    out.key(
+        "bone_hu",
+        float(BONE_HU),
+        "at or above: bone, which burr and shank may not touch outside the target",
+    );
+    Ok(())
+}
+
+fn target(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
+    out.table("[target]");
+    match &draft.choice.target {
+        TargetChoice::Label(place) => {
+            if let Some(label) = draft.labels.get(*place) {
+                out.key("label", label_value(label)?, &figures(label));
+            }
+            let (taken, _) = touching(draft);
+            if !taken.is_empty() {
+                out.comment("The target touches these structures: they and what lies within the margin are taken away from it.");
+                let region = |label: &&FoundLabel, margin_mm: f64| -> Result<String, DraftError> {
+                    Ok(format!("{{ label = {}, margin_mm = {} }}", label_value(label)?, float(margin_mm)))
+                };
+                let regions = taken.iter().map(|(label, margin_mm)| region(label, *margin_mm));
+                let regions: Vec<String> = regions.collect::<Result<_, _>>()?;
+                out.key("less", format!("[{}]", regions.join(", ")), "");
+            }
+        }
+        TargetChoice::Shape(shape) => {
+            out.comment("Bone and enclosed air in a shape, less every structure and its clearance.");
+            if let Some((key, value)) = write::target(shape) {
+                out.key(key, value, "");
+            }
+        }
+    }
+    Ok(())
+}
+
+fn structures(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
+    let mut is_first = true;
+    for (n, (label, kind)) in chosen(draft).into_iter().enumerate() {
+        out.blank();
+        if std::mem::take(&mut is_first) {
+            out.comment("Structures by their usual importance. clearance_mm is the least distance of the burr's surface: usual values, to start from.");
+        }
+        out.line("[[structure]]", kind.name);
+        out.key("name", text(&structure_name(label)), &figures(label));
+        match &label.mask {
+            Some(file) => out.key("file", path(file)?, ""),
+            None => out.key("label", label_value(label)?, ""),
+        }
+        out.key("clearance_mm", float(kind.clearance_mm()), "");
+        out.key("priority", (n + 1).to_string(), "");
+    }
+    Ok(())
+}
+
+/// Labels that are neither target nor structure.
+fn others(out: &mut Lines, draft: &Draft<'_>) {
+    let mut is_first = true;
+    for (label, role) in draft.labels.iter().zip(&draft.choice.roles) {
+        if matches!(role, Role::Target | Role::Structure(_)) {
+            continue;
+        }
+        if std::mem::take(&mut is_first) {
+            out.blank();
+            out.comment(
+                "Labels that are neither target nor structure. To spare one, add a [[structure]] for it.",
+            );
+        }
+        out.comment(&format!("- {}: {}; {}", described(label), volume(label), role.words()));
+    }
+}
+
+fn approach(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
+    out.blank();
+    if let Some(direction) = draft.approach {
+        let unit = direction.try_normalize(1e-6).ok_or(DraftError::Approach)?;
+        let rounded = unit.map(|v| (v * 1e6).round() / 1e6);
+        out.line("[approach]", "");
+        out.key("direction", vector(&rounded), "out of the bone, along the points that were given");
+        return Ok(());
+    }
+    out.comment("[approach] is left out: the planner takes the direction along which burr and shank reach most of the target, and says which.");
+    let x = match draft.side.side {
+        Some(Side::Right) => "direction = [1.0, 0.0, 0.0] is straight out of a right ear",
+        Some(Side::Left) => "direction = [-1.0, 0.0, 0.0] is straight out of a left ear",
+        None => {
+            "direction = [1.0, 0.0, 0.0] is straight out of a right ear, [-1.0, 0.0, 0.0] out of a left one"
+        }
+    };
+    out.comment(&format!("To give it: {x}."));
+    Ok(())
+}
+
+fn tool(out: &mut Lines) {
+    out.table("[burr]");
+    out.key("radius_mm", "2.0".into(), "half of the diameter on the package");
+    out.key("flutes", "8".into(), "assumed");
+    out.key("spindle_rpm", "60000".into(), "assumed: otologic drills turn at 60 000 to 80 000");
+    out.key("spin", "-1".into(), "-1: clockwise seen from the handpiece");
+    out.key("neck_radius_mm", "1.1".into(), "where the flutes end");
+    out.table("[shank]");
+    out.comment("[length, radius] from the burr outwards: a thin shank, then the handpiece. Measure them.");
+    out.key("segments", "[[25.0, 1.1], [60.0, 6.0]]".into(), "");
+}
+
+fn robot(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
+    out.table("[robot]");
+    out.key("model", text(draft.robot), "");
+    if UrModel::by_name(draft.robot).is_some() {
+        let mount = |translation: [f64; 3], roll: f64| {
+            format!("{{ translation_mm = {}, rpy_rad = {} }}", list(&translation), list(&[roll, 0.0, 0.0]))
+        };
+        out.comment("The burr on the flange: z from the burr to the handpiece. A handpiece straight on the flange, burr 180 mm before it; measure it.");
+        out.key("flange_from_burr", mount([0.0, 0.0, STRAIGHT_MM], std::f64::consts::PI), "");
+        out.comment("Or bent by 30 degrees, which keeps the arm out of the surgeon's view:");
+        let bent = mount([0.0, -90.0, 155.0], 150.0_f64.to_radians());
+        out.comment(&format!("flange_from_burr = {bent}"));
+    }
+    match &draft.place {
+        KnownPlace::Unknown => out.comment("base_from_ct, the registration, is left out: a place in the middle of the arm's reach is assumed, and stated in the plan."),
+        KnownPlace::Registered(base_from_ct) => {
+            out.key("base_from_ct", rigid(base_from_ct.rotation.matrix(), &base_from_ct.translation_mm), "");
+        }
+        KnownPlace::Fiducials(points) => {
+            if points.len() < 3 {
+                return Err(DraftError::Fiducials { found: points.len() });
+            }
+            let all = |point: &dyn Fn(&Vector3<f64>) -> String| {
+                points.iter().map(|p| point(&p.coords)).collect::<Vec<_>>().join(", ")
+            };
+            out.comment("The registration by fiducials: touch them with the arm in this order, write the places in base for the zeros, and take away");
+            out.comment("the `#` before the key. Until then a place is assumed.");
+            let (ct, base) = (all(&vector), all(&|_| "[0, 0, 0]".into()));
+            out.comment(&format!("base_from_ct = {{ fiducials = {{ ct_mm = [{ct}], base_mm = [{base}] }} }}"));
+        }
+    }
+    Ok(())
+}
+
+/// What the user should know.
+pub(super) fn notes(draft: &Draft<'_>) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (label, role) in draft.labels.iter().zip(&draft.choice.roles) {
+        match role {
+            Role::Left(Meaning::Unknown | Meaning::Target) => notes.push(format!(
+                "label {} is not known by its name: it is not spared; --structure spares it, --ignore silences this",
+                described(label)
+            )),
+            Role::Empty => notes.push(format!("label {} is in no voxel: left out", described(label))),
+            _ => {}
+        }
+    }
+    if draft.choice.structures.is_empty() {
+        notes.push("no label is taken for something to spare: only bone outside the target is kept".into());
+    }
+    let (taken, masks) = touching(draft);
+    if !taken.is_empty() {
+        let names: Vec<String> =
+            taken.iter().map(|(label, mm)| format!("{} by {mm} mm", structure_name(label))).collect();
+        notes.push(format!(
+            "the target touches structures, which are taken away from it with a margin: {}",
+            names.join(", ")
+        ));
+    }
+    for mask in masks {
+        notes.push(format!(
+            "the target touches the mask {}, so that the case will be refused: draw them apart, or put the mask into the label map",
+            described(mask)
+        ));
+    }
+    if draft.side.is_contradicted {
+        notes.push(draft.side.reason.clone());
+    }
+    notes.extend(target_note(draft));
+    notes
+}
+
+/// A target that is no bone by the threshold, or lies beyond the CT.
+fn target_note(draft: &Draft<'_>) -> Option<String> {
+    let TargetChoice::Label(place) = draft.choice.target else { return None };
+    match draft.labels.get(place)?.survey.as_ref()?.hu {
+        None => Some("the target lies beyond the CT: do the labels belong to it?".into()),
+        Some(hu) if hu.high_hu < BONE_HU => Some(format!(
+            "95 % of the target are below {} HU, and density.bone_hu is {BONE_HU}: the target holds no bone by that threshold",
+            hu.high_hu
+        )),
+        Some(_) => None,
+    }
+}
+
+/// A label to be taken away from the target, and its margin, mm.
+type Taken<'a> = (&'a FoundLabel, f64);
+
+/// Structures that the target touches: labels to be taken away from it, each with a margin, and masks, which cannot be.
+fn touching<'a>(draft: &Draft<'a>) -> (Vec<Taken<'a>>, Vec<&'a FoundLabel>) {
+    if !matches!(draft.choice.target, TargetChoice::Label(_)) {
+        return (vec![], vec![]);
+    }
+    let beside = chosen(draft).into_iter().filter(|(label, _)| draft.beside_target.contains(&label.number));
+    // what is left must not touch either: a voxel's diagonal apart, to a tenth
+    let apart_mm = (draft.diagonal_mm * 10.0).ceil() / 10.0;
+    let margin = |kind: &super::StructureKind| kind.clearance_mm().max(apart_mm);
+    let (masks, labels): (Vec<_>, Vec<_>) = beside.partition(|(label, _)| label.mask.is_some());
+    (
+        labels.into_iter().map(|(label, kind)| (label, margin(kind))).collect(),
+        masks.into_iter().map(|(label, _)| label).collect(),
+    )
+}
+
+/// The structures by their importance.
+fn chosen<'a>(draft: &Draft<'a>) -> Vec<(&'a FoundLabel, &'static super::StructureKind)> {
+    let of = |place: &usize| match (draft.labels.get(*place), draft.choice.roles.get(*place)) {
+        (Some(label), Some(Role::Structure(kind))) => Some((label, *kind)),
+        _ => None,
+    };
+    draft.choice.structures.iter().filter_map(of).collect()
+}
+
+/// A label by its name where it has one that a case can give.
+fn label_value(label: &FoundLabel) -> Result<String, DraftError> {
+    let name = label.name.as_deref().filter(|name| !name.trim().is_empty());
+    Ok(name.map_or_else(|| label.number.to_string(), text))
+}
+
+/// A label's number and figures.
+fn figures(label: &FoundLabel) -> String {
+    let number = if label.mask.is_some() { String::new() } else { format!("label {}: ", label.number) };
+    number + &volume(label)
+}
+
+/// A label's volume and mean.
+fn volume(label: &FoundLabel) -> String {
+    let hu = label.survey.as_ref().and_then(|survey| survey.hu);
+    let hu = hu.map_or("beyond the CT".into(), |hu| format!("mean {:.0} HU", hu.mean_hu));
+    let voxels = label.survey.as_ref().map(|survey| format!("{:.1} mm³, {hu}", survey.volume_mm3));
+    voxels.unwrap_or_else(|| "no voxel".into())
+}
+
+/// A label in a message.
+fn described(label: &FoundLabel) -> String {
+    let name = label.name.as_deref().map(|name| format!(" {name:?}")).unwrap_or_default();
+    label.mask.as_ref().map_or_else(|| format!("{}{name}", label.number), |file| file.display().to_string())
+}
+
+fn path(path: &Path) -> Result<String, DraftError> {
+    path.to_str().map(text).ok_or_else(|| DraftError::Path { path: path.into() })
+}
+
+/// Lines of the file.
+struct Lines(String);
+
+impl Lines {
+    fn blank(&mut self) {
+        self.0.push('\n');
+    }
+
+    fn table(&mut self, head: &str) {
+        self.blank();
+        self.line(head, "");
+    }
+
+    fn key(&mut self, key: &str, value: String, comment: &str) {
+        self.line(&format!("{key} = {value}"), comment);
+    }
+
+    fn line(&mut self, line: &str, comment: &str) {
+        self.0.push_str(line);
+        if !comment.is_empty() {
+            // writing to a string does not fail
+            let _ = write!(
+                self.0,
+                "{} # {}",
+                " ".repeat(COMMENT.saturating_sub(line.chars().count() + 1)),
+                harmless(comment)
+            );
+        }
+        self.blank();
+    }
+
+    fn comment(&mut self, comment: &str) {
+        self.0.push_str("# ");
+        self.0.push_str(&harmless(comment));
+        self.blank();
+    }
+}
+
+/// A comment without characters that end its line.
+fn harmless(comment: &str) -> String {
+    comment.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}

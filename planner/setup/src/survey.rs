@@ -1,0 +1,158 @@
+//! What a CT and label files hold, for a case that is made of them: every label with its volume and grey values.
+//!
+//! Images are read and judged as planning reads them, so that what is surveyed is what will be planned on.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_case::draft::FoundLabel;
+use bonemill_geometry::{Ct, Volume};
+use bonemill_imaging::{
+    AffineChoice, ImageError, LabelMap, LabelSurvey, bone_extent_x_mm, label_names_path, labels_beside,
+    looks_like_hu, padding_to_air, read_ct_series, read_label_map, read_label_names, read_labels,
+    survey_labels,
+};
+use thiserror::Error;
+
+use super::inputs::names_of;
+
+/// Bone's least HU where the bone's extent is looked at, that is the default of `density.bone_hu`.
+const BONE_HU: f64 = 200.0;
+/// Endings of label files that stand for no part of a name.
+const ENDINGS: [&str; 8] = [".seg.nrrd", ".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm"];
+
+/// Why images cannot be surveyed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SurveyError {
+    /// An image or its names cannot be read or trusted.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A further label file holds several labels.
+    #[error("{}: holds the labels {labels:?}; expected a mask of one structure: the first label file is the label map, further ones are masks", path.display())]
+    SeveralLabels {
+        /// The file.
+        path: PathBuf,
+        /// Its labels, at most ten.
+        labels: Vec<u16>,
+    },
+    /// A mask holds nothing.
+    #[error("{}: the mask has no voxel", path.display())]
+    EmptyMask {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A mask lies on another grid than the label map.
+    #[error("{}: the mask lies on another grid than the label map {}; expected the same voxels at the same places", path.display(), map.display())]
+    MaskGrid {
+        /// The mask's file.
+        path: PathBuf,
+        /// The label map.
+        map: PathBuf,
+    },
+}
+
+/// The images of a case to be made.
+pub struct Survey {
+    /// Every label of the map, ascending, then the masks.
+    pub labels: Vec<FoundLabel>,
+    /// From where to where bone reaches in x, ct, mm.
+    pub bone_x_mm: Option<[f64; 2]>,
+    /// Diagonal of a voxel of the label map, mm.
+    pub diagonal_mm: f64,
+    /// Oddities of the files.
+    pub warnings: Vec<String>,
+    map: Volume<u16, Ct>,
+    further: Vec<(u32, u16)>,
+}
+
+impl Survey {
+    /// Reads a CT, a label map, and masks of single structures, each with its path as the case will name it.
+    ///
+    /// # Errors
+    /// [`SurveyError`] for an image that cannot be read or trusted, and a mask that is none.
+    pub fn read(
+        ct: &Path,
+        series: Option<&str>,
+        labels: &Path,
+        masks: &[(PathBuf, PathBuf)],
+    ) -> Result<Self, SurveyError> {
+        let (ct, map) = rayon::join(
+            || read_ct_series(ct, AffineChoice::Auto, series),
+            || -> Result<_, ImageError> {
+                let names = read_label_names(label_names_path(labels))?;
+                Ok((read_label_map(labels, AffineChoice::Auto)?, names))
+            },
+        );
+        let (mut ct, (mut map, beside)) = (ct?, map?);
+        looks_like_hu(&ct.volume)?;
+        padding_to_air(&mut ct.volume);
+        let names = names_of(&mut map, beside, labels).map(|(names, _)| names);
+        let mut warnings: Vec<String> =
+            ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
+        let mut added = Vec::new();
+        for (path, named) in masks {
+            let mask = read_labels(path, AffineChoice::Auto)?;
+            warnings.extend(mask.warnings.iter().map(|warning| format!("{}: {warning}", path.display())));
+            one_label(&mask.volume, path)?;
+            let number = map.add_mask(&mask.volume, names.as_ref());
+            let number =
+                number.ok_or_else(|| SurveyError::MaskGrid { path: path.clone(), map: labels.into() })?;
+            added.push((number, path, named));
+        }
+        let LabelMap { image, further, .. } = map;
+        let mut found = survey_labels(&ct.volume, &image.volume, &further);
+        let mut of_masks = Vec::new();
+        for (number, path, named) in added {
+            let place = found.iter().position(|survey| survey.number == number);
+            let survey = place.map(|place| found.remove(place));
+            of_masks.push(FoundLabel { number, name: stem(path), mask: Some(named.clone()), survey });
+        }
+        let of_map = |survey: LabelSurvey| FoundLabel {
+            number: survey.number,
+            name: names.as_ref().and_then(|names| names.name(survey.number)).map(str::to_owned),
+            mask: None,
+            survey: Some(survey),
+        };
+        let mut labels: Vec<FoundLabel> = found.into_iter().map(of_map).collect();
+        let absent = names.iter().flat_map(|names| names.iter()).filter(|(number, _)| *number != 0);
+        for (number, name) in absent {
+            if labels.iter().all(|label| label.number != number) {
+                labels.push(FoundLabel { number, name: Some(name.to_owned()), mask: None, survey: None });
+            }
+        }
+        labels.sort_by_key(|label| label.number);
+        labels.extend(of_masks);
+        Ok(Self {
+            labels,
+            bone_x_mm: bone_extent_x_mm(&ct.volume, BONE_HU),
+            diagonal_mm: image.volume.grid().diagonal_mm(),
+            warnings,
+            map: image.volume,
+            further,
+        })
+    }
+
+    /// Numbers of the labels that share a voxel, a face, an edge or a corner with that one, ascending.
+    pub fn beside(&self, number: u16) -> Vec<u16> {
+        labels_beside(&self.map, &self.further, number)
+    }
+}
+
+/// Refuses a mask with several values, which is a label map, and one with none.
+fn one_label(mask: &Volume<u16, Ct>, path: &Path) -> Result<(), SurveyError> {
+    let mut is_there = vec![false; 1 << 16];
+    mask.data().iter().for_each(|value| is_there[usize::from(*value)] = true);
+    let labels: Vec<u16> = (1..=u16::MAX).filter(|label| is_there[usize::from(*label)]).take(10).collect();
+    match labels.as_slice() {
+        [] => Err(SurveyError::EmptyMask { path: path.into() }),
+        [_] => Ok(()),
+        _ => Err(SurveyError::SeveralLabels { path: path.into(), labels }),
+    }
+}
+
+/// A file's name without the ending of its format.
+fn stem(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy().into_owned();
+    let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).filter(|stem| !stem.is_empty());
+    Some(stem.unwrap_or(&name).to_owned())
+}
