@@ -1,5 +1,5 @@
 //! Reads the plan's images again, NIfTI-1 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Images of
-//! other formats are read by the planner's reader, and the verdict says so ([`shared`]).
+//! other formats are read by the planner's reader, and the verdict says so.
 //!
 //! Fields are taken at the byte offsets of `nifti1.h` (**Source:** NIfTI data format working group), and a file is refused unless
 //! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some

@@ -23,7 +23,7 @@ pub struct SharedReader {
     pub key: &'static str,
     /// Its format.
     pub format: &'static str,
-    /// Digest of what was read ([`digest`]).
+    /// Digest of sizes, places and values that were read, as `docs/own-ct.md` says.
     pub digest: Sha256,
 }
 
