@@ -15,14 +15,14 @@ use crate::error::ImageError;
 use crate::names::LabelNames;
 
 /// Endings of image files, the longer before its own end.
-const ENDINGS: &[&str] = &[".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd"];
+pub const MASK_ENDINGS: &[&str] = &[".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd"];
 
 /// The image files in a folder with their names without ending, in the order of the names.
 pub(super) fn files(folder: &Path) -> Vec<(String, PathBuf)> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let named = entries.filter_map(|path| {
         let name = path.file_name()?.to_str()?.to_owned();
-        let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending))?;
+        let stem = MASK_ENDINGS.iter().find_map(|ending| name.strip_suffix(ending))?;
         path.is_file().then(|| (stem.to_owned(), path.clone()))
     });
     let mut all: Vec<_> = named.collect();

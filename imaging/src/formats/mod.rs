@@ -32,6 +32,7 @@ use crate::names::LabelNames;
 pub use dicom::{DicomProblem, SeriesFound};
 pub use foreign::ForeignFormat;
 pub use labels::{LabelMap, Shared, whole};
+pub use masks::MASK_ENDINGS;
 pub use nifti::{AffineChoice, AffineReport, AffineSource, NiftiProblem};
 pub use problem::FormatProblem;
 use raster::Voxels;

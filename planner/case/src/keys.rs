@@ -203,6 +203,9 @@ pub(super) fn name_of(path: &'static str) -> &'static str {
     path.rsplit('.').next().unwrap_or(path)
 }
 
+/// Default of `density.bone_hu`, HU.
+pub const DEFAULT_BONE_HU: f64 = 200.0;
+
 use Fallback::{Chosen, Derived, Value, Words};
 
 /// Keys whose default `preset = "paper"` changes.
@@ -245,7 +248,7 @@ table! {
     numbers {
         AIR_HU = "density.air_hu" Hu -1e5..1e5, Value(-700.0),
             "at or below: air, nothing to cut", "assumed: half-way between the first two points of the table";
-        BONE_HU = "density.bone_hu" Hu -1e5..1e5, Value(200.0),
+        BONE_HU = "density.bone_hu" Hu -1e5..1e5, Value(DEFAULT_BONE_HU),
             "at or above: bone, which burr and shank may not touch outside the target (see target.sheets)", ASSUMED;
         TABLE_HU = "density.hu" Hu -1e5..1e5, Words("[-1000, -400, -150, 100, 300, 2000, 4927]"),
             "points of the calibration curve, increasing", "assumed: no calibration phantom was scanned; give your scanner's own curve";

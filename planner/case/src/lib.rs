@@ -49,7 +49,7 @@ pub use explain::{Origin, Parameter, explained, explained_job};
 pub use given::Given;
 pub use hold::Hold;
 pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Job, Pattern};
-pub use keys::Unit;
+pub use keys::{DEFAULT_BONE_HU, Unit};
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
 pub use reference::reference;

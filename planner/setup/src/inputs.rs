@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, nearest};
 use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_imaging::{
-    Image, LabelMap, LabelNames, Placement, Provenance, available_memory_mb, label_names_path, looks_like_hu,
-    padding_to_air, read_ct_series, read_label_map, read_label_names, read_labels,
+    AffineChoice, Image, ImageError, LabelMap, LabelNames, Placement, Provenance, available_memory_mb,
+    label_names_path, looks_like_hu, padding_to_air, read_ct_series, read_label_map, read_label_names,
+    read_labels,
 };
 use bonemill_planfile::{Input, PlanFileError, StoredPlan};
 use bonemill_toolpath::scene::{
@@ -93,24 +94,48 @@ fn named_files(named: &Path, place: &Path, provenance: &Provenance) -> Vec<PathB
     provenance.files.iter().map(name).collect()
 }
 
+/// A CT and a label map as they are read, whatever a case makes of them.
+pub(super) struct PlainImages {
+    /// Grey values; padding is air.
+    pub ct: Image<f32>,
+    /// Voxels of padding.
+    pub padding_voxels: usize,
+    /// Labels.
+    pub map: LabelMap,
+    /// Names of labels, and the file that holds them.
+    pub names: Option<(LabelNames, PathBuf)>,
+}
+
+/// Reads a CT (and of a folder with several series that with a UID), which must be in HU, and a label map
+/// with the file of its names, which need not be there.
+pub(super) fn read_plain(
+    (ct, ct_affine, series): (&Path, AffineChoice, Option<&str>),
+    (labels, labels_affine, names): (&Path, AffineChoice, &Path),
+) -> Result<PlainImages, ImageError> {
+    let (ct, map) = rayon::join(
+        || -> Result<_, ImageError> {
+            let mut ct = read_ct_series(ct, ct_affine, series)?;
+            looks_like_hu(&ct.volume)?;
+            let padding_voxels = padding_to_air(&mut ct.volume);
+            Ok((ct, padding_voxels))
+        },
+        || -> Result<_, ImageError> {
+            let beside = read_label_names(names)?;
+            Ok((read_label_map(labels, labels_affine)?, beside))
+        },
+    );
+    let ((ct, padding_voxels), (mut map, beside)) = (ct?, map?);
+    let names = names_of(&mut map, beside, labels);
+    Ok(PlainImages { ct, padding_voxels, map, names })
+}
+
 /// Reads and checks the images of a case; `place` says where the file is that the case names so.
 pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<CaseImages, PlanError> {
     let labels_path = place(&case.images.labels);
-    let (ct, labels) = rayon::join(
-        || -> Result<_, PlanError> {
-            let series = case.images.ct_series.as_deref();
-            let mut ct = read_ct_series(place(&case.images.ct), case.images.ct_affine, series)?;
-            looks_like_hu(&ct.volume)?;
-            let padding = padding_to_air(&mut ct.volume);
-            Ok((ct, padding))
-        },
-        || -> Result<_, PlanError> {
-            let names = read_label_names(place(&label_names_path(&case.images.labels)))?;
-            Ok((read_label_map(&labels_path, case.images.labels_affine)?, names))
-        },
-    );
-    let ((ct, padding), (mut map, beside)) = (ct?, labels?);
-    let names = names_of(&mut map, beside, &labels_path);
+    let PlainImages { ct, padding_voxels: padding, mut map, names } = read_plain(
+        (&place(&case.images.ct), case.images.ct_affine, case.images.ct_series.as_deref()),
+        (&labels_path, case.images.labels_affine, &place(&label_names_path(&case.images.labels))),
+    )?;
     let mut mask_files = Vec::new();
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
     let target = case.target.with_label(|label| number("target.label".into(), label))?;
@@ -149,7 +174,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
 
 /// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that
 /// lies beside them may be another map's.
-pub(super) fn names_of(
+fn names_of(
     map: &mut LabelMap,
     beside: Option<LabelNames>,
     labels_path: &Path,

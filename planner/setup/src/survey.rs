@@ -4,21 +4,19 @@
 
 use std::path::{Path, PathBuf};
 
+use bonemill_case::DEFAULT_BONE_HU;
 use bonemill_case::draft::FoundLabel;
 use bonemill_geometry::{Ct, Volume};
 use bonemill_imaging::{
-    AffineChoice, ImageError, LabelMap, LabelSurvey, bone_extent_x_mm, label_names_path, labels_beside,
-    looks_like_hu, padding_to_air, read_ct_series, read_label_map, read_label_names, read_labels,
-    survey_labels,
+    AffineChoice, ImageError, LabelMap, LabelSurvey, MASK_ENDINGS, bone_extent_x_mm, label_names_path,
+    labels_beside, read_labels, survey_labels,
 };
 use thiserror::Error;
 
-use super::inputs::names_of;
+use super::inputs::{PlainImages, read_plain};
 
-/// Bone's least HU where the bone's extent is looked at, that is the default of `density.bone_hu`.
-const BONE_HU: f64 = 200.0;
-/// Endings of label files that stand for no part of a name.
-const ENDINGS: [&str; 8] = [".seg.nrrd", ".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm"];
+/// Endings of label files that are no mask in a folder; the longer before its own end.
+const ENDINGS: &[&str] = &[".seg.nrrd", ".dcm"];
 
 /// Why images cannot be surveyed.
 #[derive(Debug, Error)]
@@ -76,17 +74,11 @@ impl Survey {
         labels: &Path,
         masks: &[(PathBuf, PathBuf)],
     ) -> Result<Self, SurveyError> {
-        let (ct, map) = rayon::join(
-            || read_ct_series(ct, AffineChoice::Auto, series),
-            || -> Result<_, ImageError> {
-                let names = read_label_names(label_names_path(labels))?;
-                Ok((read_label_map(labels, AffineChoice::Auto)?, names))
-            },
-        );
-        let (mut ct, (mut map, beside)) = (ct?, map?);
-        looks_like_hu(&ct.volume)?;
-        padding_to_air(&mut ct.volume);
-        let names = names_of(&mut map, beside, labels).map(|(names, _)| names);
+        let PlainImages { ct, mut map, names, .. } = read_plain(
+            (ct, AffineChoice::Auto, series),
+            (labels, AffineChoice::Auto, &label_names_path(labels)),
+        )?;
+        let names = names.map(|(names, _)| names);
         let mut warnings: Vec<String> =
             ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
         let mut added = Vec::new();
@@ -124,7 +116,7 @@ impl Survey {
         labels.extend(of_masks);
         Ok(Self {
             labels,
-            bone_x_mm: bone_extent_x_mm(&ct.volume, BONE_HU),
+            bone_x_mm: bone_extent_x_mm(&ct.volume, DEFAULT_BONE_HU),
             diagonal_mm: image.volume.grid().diagonal_mm(),
             warnings,
             map: image.volume,
@@ -153,6 +145,10 @@ fn one_label(mask: &Volume<u16, Ct>, path: &Path) -> Result<(), SurveyError> {
 /// A file's name without the ending of its format.
 fn stem(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_string_lossy().into_owned();
-    let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).filter(|stem| !stem.is_empty());
+    let stem = ENDINGS
+        .iter()
+        .chain(MASK_ENDINGS)
+        .find_map(|ending| name.strip_suffix(ending))
+        .filter(|stem| !stem.is_empty());
     Some(stem.unwrap_or(&name).to_owned())
 }

@@ -229,10 +229,5 @@ fn list(labels: &[FoundLabel], places: impl Iterator<Item = usize>) -> String {
 
 /// A label in a message.
 fn described(labels: &[FoundLabel], place: usize) -> String {
-    let Some(label) = labels.get(place) else { return String::new() };
-    match (&label.mask, &label.name) {
-        (Some(file), _) => file.display().to_string(),
-        (None, Some(name)) => format!("{} {name:?}", label.number),
-        (None, None) => label.number.to_string(),
-    }
+    labels.get(place).map(FoundLabel::described).unwrap_or_default()
 }

@@ -44,6 +44,15 @@ impl FoundLabel {
         self.name.clone().unwrap_or_else(|| self.number.to_string())
     }
 
+    /// What a message calls it: a mask's file, else its number and name.
+    fn described(&self) -> String {
+        match (&self.mask, &self.name) {
+            (Some(file), _) => file.display().to_string(),
+            (None, Some(name)) => format!("{} {name:?}", self.number),
+            (None, None) => self.number.to_string(),
+        }
+    }
+
     /// Volume, mm³.
     pub fn volume_mm3(&self) -> f64 {
         self.survey.as_ref().map_or(0.0, |survey| survey.volume_mm3)

@@ -9,12 +9,13 @@ use nalgebra::Vector3;
 use super::choice::{TargetChoice, structure_name};
 use super::kinds::{Meaning, Side};
 use super::{Draft, DraftError, FoundLabel, KnownPlace, Role};
+use crate::DEFAULT_BONE_HU;
 use crate::write::{self, float, list, rigid, text, vector};
 
 /// Where comments begin behind a value.
 const COMMENT: usize = 33;
-/// Bone's least HU, the default of density.bone_hu.
-const BONE_HU: f64 = 200.0;
+/// A case without structures.
+const NOTHING_SPARED: &str = "no label is taken for something to spare: only bone outside the target is kept";
 /// How far a handpiece straight on the flange holds the burr before it, mm. Assumed.
 const STRAIGHT_MM: f64 = 180.0;
 
@@ -27,10 +28,7 @@ pub(super) fn case_text(draft: &Draft<'_>) -> Result<String, DraftError> {
     let side = draft.side.side.map_or("not known", Side::word);
     out.comment(&format!("Side: {side}: {}.", draft.side.reason));
     if draft.choice.structures.is_empty() {
-        out.line(
-            "\nstructure = []",
-            "no label is taken for something to spare: only bone outside the target is kept",
-        );
+        out.line("\nstructure = []", NOTHING_SPARED);
     }
     images(&mut out, draft)?;
     target(&mut out, draft)?;
@@ -53,7 +51,7 @@ fn images(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
     out.comment("Assumed for clinical CT. Read two values off this scan, of muscle and of the thinnest bone to be kept, and take their middle.");
     out.key(
         "bone_hu",
-        float(BONE_HU),
+        float(DEFAULT_BONE_HU),
         "at or above: bone, which burr and shank may not touch outside the target",
     );
     Ok(())
@@ -119,7 +117,7 @@ fn others(out: &mut Lines, draft: &Draft<'_>) {
                 "Labels that are neither target nor structure. To spare one, add a [[structure]] for it.",
             );
         }
-        out.comment(&format!("- {}: {}; {}", described(label), volume(label), role.words()));
+        out.comment(&format!("- {}: {}; {}", label.described(), volume(label), role.words()));
     }
 }
 
@@ -197,14 +195,14 @@ pub(super) fn notes(draft: &Draft<'_>) -> Vec<String> {
         match role {
             Role::Left(Meaning::Unknown | Meaning::Target) => notes.push(format!(
                 "label {} is not known by its name: it is not spared; --structure spares it, --ignore silences this",
-                described(label)
+                label.described()
             )),
-            Role::Empty => notes.push(format!("label {} is in no voxel: left out", described(label))),
+            Role::Empty => notes.push(format!("label {} is in no voxel: left out", label.described())),
             _ => {}
         }
     }
     if draft.choice.structures.is_empty() {
-        notes.push("no label is taken for something to spare: only bone outside the target is kept".into());
+        notes.push(NOTHING_SPARED.into());
     }
     let (taken, masks) = touching(draft);
     if !taken.is_empty() {
@@ -218,7 +216,7 @@ pub(super) fn notes(draft: &Draft<'_>) -> Vec<String> {
     for mask in masks {
         notes.push(format!(
             "the target touches the mask {}, so that the case will be refused: draw them apart, or put the mask into the label map",
-            described(mask)
+            mask.described()
         ));
     }
     if draft.side.is_contradicted {
@@ -233,8 +231,8 @@ fn target_note(draft: &Draft<'_>) -> Option<String> {
     let TargetChoice::Label(place) = draft.choice.target else { return None };
     match draft.labels.get(place)?.survey.as_ref()?.hu {
         None => Some("the target lies beyond the CT: do the labels belong to it?".into()),
-        Some(hu) if hu.high_hu < BONE_HU => Some(format!(
-            "95 % of the target are below {} HU, and density.bone_hu is {BONE_HU}: the target holds no bone by that threshold",
+        Some(hu) if hu.high_hu < DEFAULT_BONE_HU => Some(format!(
+            "95 % of the target are below {} HU, and density.bone_hu is {DEFAULT_BONE_HU}: the target holds no bone by that threshold",
             hu.high_hu
         )),
         Some(_) => None,
@@ -287,12 +285,6 @@ fn volume(label: &FoundLabel) -> String {
     let hu = hu.map_or("beyond the CT".into(), |hu| format!("mean {:.0} HU", hu.mean_hu));
     let voxels = label.survey.as_ref().map(|survey| format!("{:.1} mm³, {hu}", survey.volume_mm3));
     voxels.unwrap_or_else(|| "no voxel".into())
-}
-
-/// A label in a message.
-fn described(label: &FoundLabel) -> String {
-    let name = label.name.as_deref().map(|name| format!(" {name:?}")).unwrap_or_default();
-    label.mask.as_ref().map_or_else(|| format!("{}{name}", label.number), |file| file.display().to_string())
 }
 
 fn path(path: &Path) -> Result<String, DraftError> {
