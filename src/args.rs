@@ -103,9 +103,6 @@ pub enum Command {
     Compare(CompareArgs),
     /// Set a streamed run beside its plan: path error, timing, force
     Report(ReportArgs),
-    /// Repeat a published measurement
-    #[cfg(feature = "experiments")]
-    Experiment(bonemill_experiments::cli::Args),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
     Keys(KeysArgs),
     /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown

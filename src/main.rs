@@ -97,11 +97,6 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Compare(compare) => compare::run(compare),
         Command::Verify(verify) => verify::run(verify, console),
         Command::Report(report) => report::run(report),
-        #[cfg(feature = "experiments")]
-        Command::Experiment(args) => {
-            let found = bonemill_experiments::cli::run(args, console)?;
-            Ok(Outcome::text("experiment", found.text).falling_short(found.shortfalls))
-        }
         Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
         Command::Keys(args) => Ok(Outcome::text(
             "keys",

@@ -52,14 +52,6 @@ impl Outcome {
         self
     }
 
-    /// Adds reasons why the result falls short; the exit code is then 1, unless there are none.
-    #[cfg(feature = "experiments")]
-    pub fn falling_short(mut self, shortfalls: Vec<String>) -> Self {
-        self.object.insert("shortfalls".into(), shortfalls.clone().into());
-        self.shortfalls = shortfalls;
-        self
-    }
-
     /// Files were written to `out`.
     pub fn written(command: &str, out: &Path, what: &str) -> Self {
         let mut outcome = Self::new(command, format!("wrote {}: {what}\n", out.display()));
