@@ -36,6 +36,30 @@ fn a_plan_says_what_its_forces_err_by_and_finer_sums_err_less() {
 }
 
 #[test]
+fn an_error_that_is_asked_for_sets_the_level_is_kept_and_a_miss_is_told() {
+    // the cheapest level keeps it
+    let preview = planned("force = 0.03");
+    let errs = |plan: &StoredPlan| error(plan, "of_cuts").max(error(plan, "toward"));
+    assert_eq!(preview.record.case.accuracy.level, Level::Coarse);
+    assert!(error(&preview, "elements") == 32.0 && errs(&preview) <= 0.03, "{}", errs(&preview));
+    // a level that errs more on this body is summed more finely
+    let given = planned("level = \"coarse\"");
+    let asked = 0.8 * errs(&given);
+    let refined = planned(&format!("level = \"coarse\"\nforce = {asked}"));
+    assert_eq!((error(&refined, "elements"), refined.record.case.accuracy.force_elements), (64.0, 32));
+    assert!(errs(&refined) <= asked, "{} instead of {asked}", errs(&refined));
+    // and what cannot be kept is a shortfall
+    let place =
+        Place::healthy().with_case("[grid]\n", "[accuracy]\nlevel = \"coarse\"\nforce = 0.0005\n\n[grid]\n");
+    let ran = place.plan();
+    assert_eq!(ran.code, 1, "{}", ran.err);
+    let page = std::fs::read_to_string(place.path("plan/report.html")).unwrap();
+    for text in [ran.out + &ran.err, page] {
+        assert!(text.contains("accuracy.force = 0.0005 is missed: over "), "{text}");
+    }
+}
+
+#[test]
 fn a_level_sets_what_the_case_leaves_out_and_verify_accepts_a_preview() {
     let place = Place::healthy().with_case("spacing_mm = 0.5\n", "").with_case("step_mm = 0.5\n", "");
     let place = place.with_case("[grid]\n", "[accuracy]\nlevel = \"coarse\"\nforce_elements = 40\n");

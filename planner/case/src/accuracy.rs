@@ -3,9 +3,15 @@
 use super::keys as k;
 use super::walker::Walk;
 
+/// The error of a level's forces, the larger of |F| and push toward structures of single cuts, the cheapest level first: rounded up from what
+/// `experiment speed-vs-error` measures.
+const FRONT: [(Level, f64); 3] = [(Level::Coarse, 0.015), (Level::Default, 0.007), (Level::Fine, 0.003)];
+
 /// How finely a plan is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accuracy {
+    /// By what share the forces of single cuts may err in the mean, where the case asks for it.
+    pub force: Option<f64>,
     /// What the other values are where the case does not give them.
     pub level: Level,
     /// Elements of the force sum from tip to shaft where a force is stated, and twice as many around.
@@ -27,13 +33,21 @@ impl Accuracy {
             Level::Fine => (128, 4096, 0.02, 2.0),
         };
         let axis_spacing_rad = spacing_deg.to_radians();
-        Self { level, force_elements, force_directions, force_change, axis_spacing_rad }
+        Self { force: None, level, force_elements, force_directions, force_change, axis_spacing_rad }
+    }
+
+    /// With sums of forces that err by about half: twice as many elements, and places within moves at smaller changes.
+    #[must_use]
+    pub fn with_finer_forces(self) -> Self {
+        Self { force_elements: 2 * self.force_elements, force_change: 0.4 * self.force_change, ..self }
     }
 
     pub(super) fn read(t: Walk<'_, '_>) -> Self {
-        let usual = Self::of(t.choice(&k::LEVEL, Level::Default));
+        let force = t.optional(&k::FORCE_ERROR);
+        let usual = Self::of(t.choice(&k::LEVEL, force.map_or(Level::Default, Level::cheapest)));
         let spacing_rad = t.optional(&k::AXIS_SPACING).map(f64::to_radians);
         let accuracy = Self {
+            force,
             level: usual.level,
             force_elements: t.whole(&k::FORCE_ELEMENTS, usual.force_elements),
             force_directions: t.whole(&k::FORCE_DIRECTIONS, usual.force_directions),
@@ -57,6 +71,11 @@ pub enum Level {
 }
 
 impl Level {
+    /// The cheapest whose forces err by no more than a share, or the finest.
+    fn cheapest(force: f64) -> Self {
+        FRONT.into_iter().find(|(_, error)| *error <= force).map_or(Self::Fine, |(level, _)| level)
+    }
+
     /// Voxel of the planning grid and distance of neighbouring waypoints, mm, for a burr of this radius.
     pub fn within_mm(self, radius_mm: f64) -> [f64; 2] {
         match self {

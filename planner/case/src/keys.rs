@@ -341,6 +341,7 @@ table! {
         FIDUCIALS_BASE = "robot.base_from_ct.fiducials.base_mm" Mm -1e5..1e5, Words("instead of rotation"), "the same points as the arm touched them, in base, in the same order", "-";
         FLANGE_TRANSLATION = "robot.flange_from_burr.translation_mm" Mm -1e4..1e4, Words(REQUIRED), "burr's centre in the flange", "-";
         FLANGE_RPY = "robot.flange_from_burr.rpy_rad" Rad -10.0..10.0, Words(REQUIRED), "burr's axes in the flange, z to the handpiece", "-";
+        FORCE_ERROR = "accuracy.force" Share 0.0005..0.2, Words("none"), "by what share the forces of single cuts may err in the mean, in size and toward structures: sets the level where the case leaves it out, to the cheapest that keeps it; forces that err more on this case are summed more finely, once, and a plan that still misses it falls short", "experiment speed-vs-error";
         FORCE_ELEMENTS = "accuracy.force_elements" One 8.0..512.0, Derived("64; coarse 32, fine 128"), "elements of the force sum from tip to shaft where a force is stated, and twice as many around", "experiment speed-vs-error";
         FORCE_DIRECTIONS = "accuracy.force_directions" One 64.0..16384.0, Derived("1024; coarse 512, fine 4096"), "directions in which bone is looked for where axes are chosen and within moves", "experiment speed-vs-error";
         FORCE_CHANGE = "accuracy.force_change" Share 0.001..1.0, Derived("0.05; coarse 0.2, fine 0.02"), "forces at neighbouring places within a move differ by less than this share of the larger, or are computed between them too", "experiment speed-vs-error";

@@ -37,16 +37,15 @@ impl Case {
             &[("spacing_mm", float(self.grid.spacing_mm)), ("margin_mm", float(self.grid.margin_mm))],
         );
         let accuracy = &self.accuracy;
-        out.table(
-            "accuracy",
-            &[
-                ("level", text(k::LEVEL.word(accuracy.level))),
-                ("force_elements", accuracy.force_elements.to_string()),
-                ("force_directions", accuracy.force_directions.to_string()),
-                ("force_change", float(accuracy.force_change)),
-                ("axis_spacing_deg", float(degrees(accuracy.axis_spacing_rad))),
-            ],
-        );
+        let mut entries = vec![
+            ("level", text(k::LEVEL.word(accuracy.level))),
+            ("force_elements", accuracy.force_elements.to_string()),
+            ("force_directions", accuracy.force_directions.to_string()),
+            ("force_change", float(accuracy.force_change)),
+            ("axis_spacing_deg", float(degrees(accuracy.axis_spacing_rad))),
+        ];
+        entries.extend(accuracy.force.map(|share| ("force", float(share))));
+        out.table("accuracy", &entries);
         out.out
     }
 

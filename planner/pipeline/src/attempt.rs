@@ -322,7 +322,7 @@ impl<'a> Start<'a> {
             Some((.., chosen, motion)) => (chosen, motion),
             None => prepared.choose_with_motion(&choices, watch)?,
         };
-        watch.run("forces", || prepared.look_finely(&choices, &mut chosen, &motion))?;
+        watch.run("forces", || prepared.look_exactly(&mut choices, &mut chosen, &motion))?;
         Ok((choices, chosen, motion))
     }
 

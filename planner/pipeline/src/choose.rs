@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
+use bonemill_case::{Accuracy, Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
 use bonemill_robot::resolve::{Posture, Stiffness};
@@ -50,12 +50,14 @@ pub struct Choices {
     pub kept: BTreeMap<usize, Unit<Vector3<f64>>>,
     /// Speed range and law.
     pub speed: SpeedSpec,
+    /// How finely forces are computed.
+    pub accuracy: Accuracy,
 }
 
 impl Choices {
     /// Those of a case.
     pub fn of(case: &Case) -> Self {
-        let Case { burr, material, cost, orientation, speed, .. } = case;
+        let Case { burr, material, cost, orientation, speed, accuracy, .. } = case;
         Self {
             spin: burr.spin,
             material: *material,
@@ -64,12 +66,14 @@ impl Choices {
             goal: None,
             kept: BTreeMap::new(),
             speed: speed.clone(),
+            accuracy: *accuracy,
         }
     }
 
     /// A case with these in place of its own.
     pub(super) fn applied_to(&self, case: &Case) -> Case {
-        let mut applied = Case { material: self.material, cost: self.cost, ..case.clone() };
+        let Self { material, cost, accuracy, .. } = *self;
+        let mut applied = Case { material, cost, accuracy, ..case.clone() };
         applied.burr.spin = self.spin;
         applied.orientation.mode = self.mode;
         applied.speed.clone_from(&self.speed);
@@ -178,7 +182,7 @@ impl Prepared<'_> {
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.
-    pub(super) fn look_finely(
+    fn look_finely(
         &self,
         choices: &Choices,
         chosen: &mut Chosen,
@@ -196,6 +200,25 @@ impl Prepared<'_> {
         chosen.force_error = forced.error((case, &swept, &self.near), axes, moves)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
+        Ok(())
+    }
+
+    /// The same; once more with finer sums where the forces err by more than the case asks for.
+    ///
+    /// # Errors
+    /// As before.
+    pub(super) fn look_exactly(
+        &self,
+        choices: &mut Choices,
+        chosen: &mut Chosen,
+        motion: &ArmMotion,
+    ) -> Result<(), PlanError> {
+        self.look_finely(choices, chosen, motion)?;
+        if choices.accuracy.force.is_some_and(|share| chosen.force_error.exceeds(share)) {
+            choices.accuracy = choices.accuracy.with_finer_forces();
+            self.look_within(choices, chosen, motion)?;
+            self.look_finely(choices, chosen, motion)?;
+        }
         Ok(())
     }
 

@@ -1,8 +1,8 @@
 //! How exact the forces of a plan are, measured on the plan itself: some of its cuts are computed again, far more finely.
 //!
 //! What is stated of a move is a mean and a largest force; both come from a few places within the move, with the sum over as many
-//! elements as the case's accuracy asks for. Here the same move has `PLACES` places, evenly over its way, with four times as many elements as
-//! by default. The bone around, the driven path and the axes are the same, so the error is that of the sums alone.
+//! elements as the case's accuracy asks for. Here the same move has `PLACES` places, evenly over its way, with twice as many
+//! elements from tip to shaft, at least 128. The bone around, the driven path and the axes are the same, so the error is that of the sums alone.
 
 use bonemill_case::{Accuracy, Case};
 use bonemill_cutting::burr::EngagedForce;
@@ -14,16 +14,20 @@ use rayon::prelude::*;
 use super::PlanError;
 use super::path_forces::{FineForce, ForceWithin, ForcedPath, axis_within, mean_of_move, places_of_move};
 
-/// Cuts that are computed again, evenly over the plan.
-const CUTS: usize = 96;
+/// Of so many cuts one is computed again, evenly over the plan, but so many at least and at most.
+const ONE_IN: usize = 16;
+const FEWEST: usize = 24;
+const MOST: usize = 192;
 /// Places within each.
 const PLACES: usize = 8;
-/// From tip to shaft.
+/// Fewest elements from tip to shaft.
 const ELEMENTS: u32 = 128;
 
 /// Errors of stated forces at the nominal speed, as shares of the converged ones.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceError {
+    /// Elements from tip to shaft of the sums whose errors these are.
+    pub elements: u32,
     /// Cuts that were computed again.
     pub cuts: usize,
     /// Of the mean |F| over these cuts.
@@ -34,6 +38,13 @@ pub struct ForceError {
     pub toward_share: f64,
     /// The largest by which a force at one of the places exceeds the largest that is stated of its cut, over the largest |F|.
     pub beyond_share: f64,
+}
+
+impl ForceError {
+    /// Whether |F| or the push toward structures of single cuts errs by more than a share.
+    pub fn exceeds(&self, share: f64) -> bool {
+        self.of_cuts_share.max(self.toward_share) > share
+    }
 }
 
 /// What is asked of a move: mean and largest |F|, and the mean push toward each structure near, N.
@@ -54,11 +65,13 @@ impl ForcedPath<'_> {
         axes: &[Unit<Vector3<f64>>],
         (length_mm, ends, within): (&[f64], &[Option<EngagedForce>], &[Vec<ForceWithin>]),
     ) -> Result<ForceError, PlanError> {
-        let accuracy = Accuracy { force_elements: ELEMENTS, ..case.accuracy };
+        let elements = case.accuracy.force_elements;
+        let accuracy = Accuracy { force_elements: ELEMENTS.max(2 * elements), ..case.accuracy };
         let fine = FineForce::new(&Case { accuracy, ..case.clone() })?;
         let nominal_mm_s = case.speed.nominal_mm_s;
         let cuts: Vec<usize> = (1..ends.len()).filter(|i| ends[*i].is_some()).collect();
-        let cuts: Vec<usize> = cuts.iter().copied().step_by(cuts.len().div_ceil(CUTS).max(1)).collect();
+        let step = cuts.len().div_ceil((cuts.len() / ONE_IN).clamp(FEWEST, MOST)).max(1);
+        let cuts: Vec<usize> = cuts.iter().copied().step_by(step).collect();
         let stated = |i: usize| {
             let mean = |of: &dyn Fn(&Vector3<f64>, f64) -> f64| {
                 let driven = [nominal_mm_s, 1.0, nominal_mm_s];
@@ -102,6 +115,7 @@ impl ForcedPath<'_> {
         let largest_n = pairs.iter().map(|(.., converged)| converged.largest_n).fold(0.0, f64::max);
         let beyond_n = pairs.iter().map(|(_, stated, converged)| converged.largest_n - stated.largest_n);
         Ok(ForceError {
+            elements,
             cuts: cuts.len(),
             mean_share: share(sum(&|stated, converged| stated.mean_n - converged.mean_n).abs(), all),
             of_cuts_share: share(sum(&|stated, converged| (stated.mean_n - converged.mean_n).abs()), all),

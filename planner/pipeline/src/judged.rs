@@ -10,7 +10,7 @@ use super::attempt::Attempt;
 use super::reference::StructureForces;
 use super::rest::RestCause;
 use super::too_little::too_little;
-use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
+use super::{BlockedTurn, Coverage, ForceError, Modelled, PlanError, percent};
 
 /// Share of the reachable volume below which a plan fell short.
 const ENOUGH_REACHED: f64 = 0.99;
@@ -34,6 +34,7 @@ impl Attempt<'_> {
         found.extend(self.demand.caps_missed(case, &self.prepared, &self.chosen));
         found.extend(turns_missed(&oriented.blocked_turns));
         found.extend(limits_missed(&modelled.speeds.limit_ratios));
+        found.extend(force_error_missed(case, &modelled.axes.force_error));
         Ok(found)
     }
 
@@ -119,6 +120,16 @@ fn turns_missed(blocked: &[BlockedTurn]) -> Option<String> {
         "the shank cannot turn as it must on {} (the worst to waypoint {}): {missing}; thinner layers or another shank may help",
         if blocked.len() == 1 { "1 move".to_owned() } else { format!("{} moves", blocked.len()) },
         worst.waypoint,
+    ))
+}
+
+/// Forces that err by more than is asked for.
+fn force_error_missed(case: &Case, error: &ForceError) -> Option<String> {
+    let asked = case.accuracy.force.filter(|share| error.exceeds(*share))?;
+    Some(format!(
+        "accuracy.force = {asked} is missed: over {} cuts the force errs by {:.5} of it in the mean, the push toward structures by {:.5}; \
+         a smaller path.step_mm helps",
+        error.cuts, error.of_cuts_share, error.toward_share,
     ))
 }
 

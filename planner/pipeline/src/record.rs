@@ -168,7 +168,8 @@ fn force_error(error: &ForceError) -> Value {
         ("beyond", error.beyond_share),
     ];
     let shares = shares.into_iter().map(|(key, share)| (key.to_owned(), share.into()));
-    Value::Table(std::iter::once(("cuts".to_owned(), error.cuts.into())).chain(shares).collect())
+    let elements = ("elements".to_owned(), Value::Integer(error.elements.into()));
+    Value::Table([elements, ("cuts".to_owned(), error.cuts.into())].into_iter().chain(shares).collect())
 }
 
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {

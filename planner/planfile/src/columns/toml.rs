@@ -358,10 +358,16 @@ pub const MODELLED: &[Column] = &[
         "The most by which such a choice is worse, in units of `cost`.",
     ),
     Column::new(
+        "force_error.elements",
+        "1",
+        "",
+        "Elements from tip to shaft of the sums of forces, which were made finer where they err by more than `accuracy.force`.",
+    ),
+    Column::new(
         "force_error.cuts",
         "1",
         "",
-        "Cuts whose forces were computed again at eight places of the move, with the sum over 128 × 256 elements: what the others compare with.",
+        "Cuts whose forces were computed again at eight places of the move, with twice as many elements, at least 128: what the others compare with.",
     ),
     Column::new("force_error.mean", "1", "", "Error of the mean force over these cuts, as a share of it."),
     Column::new(
