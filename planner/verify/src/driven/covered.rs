@@ -144,10 +144,10 @@ impl<'a> Covered<'a> {
         let begins_mm = piece.checked_sub(1).map_or(0.0, |before| self.way_mm[before as usize]);
         // how far the point is beyond the nearest piece, and that piece
         let mut nearest = (f64::INFINITY, 0);
-        let near = &slab.near[cell.near[0] as usize..cell.near[1] as usize];
-        let earlier = near.partition_point(|number| *number < piece);
-        // most of the burr's surface lies in what the last pieces have removed
-        for &number in near[..earlier].iter().rev() {
+        for &number in &slab.near[cell.near[0] as usize..cell.near[1] as usize] {
+            if number >= piece {
+                break;
+            }
             let squared = self.pieces[number as usize].squared(p);
             if squared <= inside {
                 return 0.0;
