@@ -10,8 +10,6 @@ use super::reference::{Reference, StructureForces};
 const NOTHING_N: f64 = 0.01;
 /// The same beside a straight shaft with the least force, whose forces are much smaller, N: assumed.
 pub(super) const LEAST_N: f64 = 1e-3;
-/// Forces up to this are alike in the score by which drafts and plans are compared, N: a coarse draft misses pushes of that size, measured.
-const ALIKE_N: f64 = 0.02;
 /// Forces toward structures that differ by no more than this share count as the same.
 pub(super) const SAME_SHARE: f64 = 0.02;
 
@@ -69,11 +67,11 @@ impl StructureForces {
     /// in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
     pub(super) fn score(&self, case: &Case) -> f64 {
         let of = |(n, found): (usize, &StructureFigures)| {
-            let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(ALIKE_N).ln());
+            let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
             Importance::by_rank(logarithms.sum::<f64>() / JUDGED.len() as f64, case.rank(n))
         };
         let toward: f64 = self.structures.iter().enumerate().map(of).sum();
-        toward + self.mean_n.max(ALIKE_N).ln()
+        toward + self.mean_n.max(NOTHING_N).ln()
     }
 }
 
