@@ -1,9 +1,13 @@
 //! The approximations' keys and levels: what a plan says that its forces err by, and what a level sets.
 
-use crate::support::figures::entry;
+use crate::support::body;
+use crate::support::figures::{entry, figure};
 use crate::support::place::Place;
+use bonemill_geometry::testkit::pocket::label;
 use bonemill_planner::case::{Accuracy, Level};
 use bonemill_planner::plan::{StoredPlan, Value};
+use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// The plan made with `[accuracy]` keys.
 fn planned(keys: &str) -> StoredPlan {
@@ -57,6 +61,51 @@ fn an_error_that_is_asked_for_sets_the_level_is_kept_and_a_miss_is_told() {
     for text in [ran.out + &ran.err, page] {
         assert!(text.contains("accuracy.force = 0.0005 is missed: over "), "{text}");
     }
+}
+
+#[test]
+fn the_error_of_the_removed_volume_is_that_of_a_count_of_points_and_a_miss_is_told() {
+    const PARTS: usize = 4;
+    let asked = "removed = 0.0001\ndistance_mm = 0.2";
+    let place = Place::healthy().with_case("[grid]\n", &format!("[accuracy]\n{asked}\n\n[grid]\n"));
+    let ran = place.plan();
+    assert_eq!(ran.code, 1, "{}", ran.err);
+    let (missed, kept) =
+        ("accuracy.removed = 0.0001 is missed: the removed volume errs by ", "accuracy.distance_mm");
+    assert!(ran.err.contains(missed) && !ran.err.contains(kept), "{}", ran.err);
+    let plan = StoredPlan::load(&place.path("plan")).unwrap();
+    let ways: Vec<[Vector3<f64>; 2]> =
+        plan.waypoints.windows(2).map(|w| [w[0].position.coords, w[1].position.coords]).collect();
+    let radius_mm = plan.record.case.burr.radius_mm;
+    let is_removed = |p: &Vector3<f64>| {
+        ways.iter().any(|[a, b]| {
+            let d = b - a;
+            let share =
+                if d.norm() > 0.0 { ((p - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0) } else { 0.0 };
+            (p - a - d * share).norm() <= radius_mm
+        })
+    };
+    let counts = (0..body::DIMS.iter().product()).into_par_iter().filter_map(|n: usize| {
+        let voxel =
+            [n % body::DIMS[0], n / body::DIMS[0] % body::DIMS[1], n / (body::DIMS[0] * body::DIMS[1])];
+        (f32::from(label(voxel)) == body::TARGET).then(|| {
+            let part = |part: usize| {
+                let at = [part % PARTS, part / PARTS % PARTS, part / (PARTS * PARTS)];
+                let along = |a: usize| voxel[a] as f64 + (at[a] as f64 + 0.5) / PARTS as f64 - 0.5;
+                Vector3::from_fn(|a, _| body::ORIGIN_MM[a] + body::SPACING_MM * along(a))
+            };
+            [(0..PARTS.pow(3)).filter(|n| is_removed(&part(*n))).count(), PARTS.pow(3)]
+        })
+    });
+    let [removed, all] = counts.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    let counted = removed as f64 / all as f64;
+    let metric = |key| figure(&plan.record, &[key]);
+    let stated = metric("removed_mm3") / metric("target_mm3");
+    let Value::Number(error) = entry(&plan.record.modelled, &["path_error", "removed"]) else {
+        panic!("no number")
+    };
+    assert!((stated + error - counted).abs() < 5e-4, "{stated} {error} {counted}");
+    assert!(error.abs() > 1e-3, "{error}");
 }
 
 #[test]

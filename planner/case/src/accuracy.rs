@@ -3,15 +3,18 @@
 use super::keys as k;
 use super::walker::Walk;
 
-/// The error of a level's forces, the larger of |F| and push toward structures of single cuts, the cheapest level first: rounded up from what
-/// `experiment speed-vs-error` measures.
-const FRONT: [(Level, f64); 3] = [(Level::Coarse, 0.015), (Level::Default, 0.007), (Level::Fine, 0.003)];
+/// What a plan of each level errs by at most, the cheapest level first: rounded up from what `experiment speed-vs-error` measures.
+const FRONT: [(Level, [f64; 3]); 3] = [
+    (Level::Coarse, [0.015, 0.005, 0.02]),
+    (Level::Default, [0.007, 0.002, 0.005]),
+    (Level::Fine, [0.003, 0.002, 0.005]),
+];
 
 /// How finely a plan is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accuracy {
-    /// By what share the forces of single cuts may err in the mean, where the case asks for it.
-    pub force: Option<f64>,
+    /// What a plan may err by.
+    pub asked: AskedErrors,
     /// What the other values are where the case does not give them.
     pub level: Level,
     /// Elements of the force sum from tip to shaft where a force is stated, and twice as many around.
@@ -24,6 +27,32 @@ pub struct Accuracy {
     pub axis_spacing_rad: f64,
 }
 
+/// Errors that a case allows, where it asks for them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AskedErrors {
+    /// Share by which the forces of single cuts may err in the mean, in size and toward structures.
+    pub force: Option<f64>,
+    /// Share of the target by which the removed volume may err.
+    pub removed: Option<f64>,
+    /// By how much a least distance may be too large, mm.
+    pub distance_mm: Option<f64>,
+}
+
+impl AskedErrors {
+    /// The cheapest level that keeps them, or the finest; the default where nothing is asked.
+    fn cheapest(&self) -> Level {
+        let Self { force, removed, distance_mm } = *self;
+        let asked = [force, removed, distance_mm];
+        if asked.iter().all(Option::is_none) {
+            return Level::Default;
+        }
+        let keeps = |errors: &[f64; 3]| {
+            errors.iter().zip(asked).all(|(error, most)| most.is_none_or(|most| *error <= most))
+        };
+        FRONT.into_iter().find(|(_, errors)| keeps(errors)).map_or(Level::Fine, |(level, _)| level)
+    }
+}
+
 impl Accuracy {
     /// All values of a level.
     pub fn of(level: Level) -> Self {
@@ -33,7 +62,8 @@ impl Accuracy {
             Level::Fine => (128, 4096, 0.02, 2.0),
         };
         let axis_spacing_rad = spacing_deg.to_radians();
-        Self { force: None, level, force_elements, force_directions, force_change, axis_spacing_rad }
+        let asked = AskedErrors::default();
+        Self { asked, level, force_elements, force_directions, force_change, axis_spacing_rad }
     }
 
     /// With sums of forces that err by about half: twice as many elements, and places within moves at smaller changes.
@@ -43,11 +73,15 @@ impl Accuracy {
     }
 
     pub(super) fn read(t: Walk<'_, '_>) -> Self {
-        let force = t.optional(&k::FORCE_ERROR);
-        let usual = Self::of(t.choice(&k::LEVEL, force.map_or(Level::Default, Level::cheapest)));
+        let asked = AskedErrors {
+            force: t.optional(&k::FORCE_ERROR),
+            removed: t.optional(&k::REMOVED_ERROR),
+            distance_mm: t.optional(&k::DISTANCE_ERROR),
+        };
+        let usual = Self::of(t.choice(&k::LEVEL, asked.cheapest()));
         let spacing_rad = t.optional(&k::AXIS_SPACING).map(f64::to_radians);
         let accuracy = Self {
-            force,
+            asked,
             level: usual.level,
             force_elements: t.whole(&k::FORCE_ELEMENTS, usual.force_elements),
             force_directions: t.whole(&k::FORCE_DIRECTIONS, usual.force_directions),
@@ -71,11 +105,6 @@ pub enum Level {
 }
 
 impl Level {
-    /// The cheapest whose forces err by no more than a share, or the finest.
-    fn cheapest(force: f64) -> Self {
-        FRONT.into_iter().find(|(_, error)| *error <= force).map_or(Self::Fine, |(level, _)| level)
-    }
-
     /// Voxel of the planning grid and distance of neighbouring waypoints, mm, for a burr of this radius.
     pub fn within_mm(self, radius_mm: f64) -> [f64; 2] {
         match self {

@@ -38,7 +38,7 @@ use bonemill_arm::ur::{Branches, UrModel};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Rotation3, Vector3};
 
-pub use accuracy::{Accuracy, Level};
+pub use accuracy::{Accuracy, AskedErrors, Level};
 pub use bonemill_cutting::burr::Measure;
 pub use bonemill_cutting::cost::SeveralStructures;
 pub use bonemill_cutting::speed::DistanceCurve;

@@ -44,7 +44,9 @@ impl Case {
             ("force_change", float(accuracy.force_change)),
             ("axis_spacing_deg", float(degrees(accuracy.axis_spacing_rad))),
         ];
-        entries.extend(accuracy.force.map(|share| ("force", float(share))));
+        let asked = &accuracy.asked;
+        let errors = [("force", asked.force), ("removed", asked.removed), ("distance_mm", asked.distance_mm)];
+        entries.extend(errors.into_iter().filter_map(|(key, error)| Some((key, float(error?)))));
         out.table("accuracy", &entries);
         out.out
     }

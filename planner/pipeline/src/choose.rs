@@ -214,7 +214,7 @@ impl Prepared<'_> {
         motion: &ArmMotion,
     ) -> Result<(), PlanError> {
         self.look_finely(choices, chosen, motion)?;
-        if choices.accuracy.force.is_some_and(|share| chosen.force_error.exceeds(share)) {
+        if choices.accuracy.asked.force.is_some_and(|share| chosen.force_error.exceeds(share)) {
             choices.accuracy = choices.accuracy.with_finer_forces();
             self.look_within(choices, chosen, motion)?;
             self.look_finely(choices, chosen, motion)?;

@@ -10,7 +10,7 @@ use super::attempt::Attempt;
 use super::reference::StructureForces;
 use super::rest::RestCause;
 use super::too_little::too_little;
-use super::{BlockedTurn, Coverage, ForceError, Modelled, PlanError, percent};
+use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
 
 /// Share of the reachable volume below which a plan fell short.
 const ENOUGH_REACHED: f64 = 0.99;
@@ -34,7 +34,7 @@ impl Attempt<'_> {
         found.extend(self.demand.caps_missed(case, &self.prepared, &self.chosen));
         found.extend(turns_missed(&oriented.blocked_turns));
         found.extend(limits_missed(&modelled.speeds.limit_ratios));
-        found.extend(force_error_missed(case, &modelled.axes.force_error));
+        found.extend(errors_missed(case, modelled));
         Ok(found)
     }
 
@@ -123,14 +123,30 @@ fn turns_missed(blocked: &[BlockedTurn]) -> Option<String> {
     ))
 }
 
-/// Forces that err by more than is asked for.
-fn force_error_missed(case: &Case, error: &ForceError) -> Option<String> {
-    let asked = case.accuracy.force.filter(|share| error.exceeds(*share))?;
-    Some(format!(
-        "accuracy.force = {asked} is missed: over {} cuts the force errs by {:.5} of it in the mean, the push toward structures by {:.5}; \
-         a smaller path.step_mm helps",
-        error.cuts, error.of_cuts_share, error.toward_share,
-    ))
+/// Errors that are larger than the case asks for.
+fn errors_missed(case: &Case, modelled: &Modelled) -> Vec<String> {
+    let (asked, force, path) = (&case.accuracy.asked, &modelled.axes.force_error, &modelled.path.error);
+    let missed_force = asked.force.filter(|share| force.exceeds(*share)).map(|share| {
+        format!(
+            "accuracy.force = {share} is missed: over {} cuts the force errs by {:.5} of it in the mean, the push toward structures by \
+             {:.5}; a smaller path.step_mm helps",
+            force.cuts, force.of_cuts_share, force.toward_share,
+        )
+    });
+    let missed_removed = asked.removed.filter(|share| path.removed_share.abs() > *share).map(|share| {
+        format!(
+            "accuracy.removed = {share} is missed: the removed volume errs by {:.5} of the target; a smaller grid.spacing_mm helps",
+            path.removed_share
+        )
+    });
+    let missed_distance = asked.distance_mm.filter(|mm| path.distance_mm > *mm).map(|mm| {
+        format!(
+            "accuracy.distance_mm = {mm} is missed: between two waypoints a structure is nearer by {:.5} mm than at any; a smaller \
+             path.step_mm helps",
+            path.distance_mm
+        )
+    });
+    [missed_force, missed_removed, missed_distance].into_iter().flatten().collect()
 }
 
 /// Joint limits that the time law exceeds; it should never do so.

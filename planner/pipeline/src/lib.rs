@@ -23,6 +23,7 @@ mod metrics;
 mod modelled;
 mod move_limits;
 mod orient;
+mod path_error;
 mod path_forces;
 mod percent;
 mod plan;
@@ -70,6 +71,7 @@ pub use laid::Raster;
 pub use metrics::{Coverage, Volumes};
 pub use modelled::{AxisFacts, Modelled, PathFacts, SpeedFacts};
 pub use orient::{BlockedTurn, Oriented};
+pub use path_error::PathError;
 pub use percent::{percent, rounded_percent};
 pub use plan::{Plan, PlanResults, PlannedMoves, ShankAccess};
 pub use prepared::{Prepared, with_prepared};
@@ -96,8 +98,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let start = Start::new(&setup, &space, &solid);
     let mut attempt = spin::better(&start, reversed.as_ref(), &setup.registered, &mut watch)?;
     let moves = (attempt.waypoint_rows(), attempt.force_rows());
-    let modelled = Modelled::of(&attempt)?;
     let least = nearest_structures::least_distances(&setup.scene, &path::centers(attempt.prepared.points()));
+    let modelled = Modelled::of(&attempt, &least)?;
     let figures = Figures::of(case, &moves.0, &moves.1, attempt.prepared.length_mm(), &least);
     // what stands beside the references is what the files state
     attempt.compared.plan = figures.forces();

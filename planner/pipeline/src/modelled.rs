@@ -7,6 +7,7 @@ use bonemill_setup::armpath::{ArmFacts, path_limits};
 
 use super::attempt::Attempt;
 use super::force_error::ForceError;
+use super::path_error::PathError;
 use super::raster::LinesDraft;
 use super::{PlanError, SpeedLevels, half_turn, speed_levels};
 
@@ -44,6 +45,8 @@ pub struct PathFacts {
     pub put_off: usize,
     /// Passes that no link could join.
     pub unjoined_passes: usize,
+    /// How exact the removed volume and the least distances are.
+    pub error: PathError,
 }
 
 /// How the axes were chosen.
@@ -80,16 +83,16 @@ pub struct SpeedFacts {
 }
 
 impl Modelled {
-    /// Of an attempt that stands.
+    /// Of an attempt that stands; `least`: per structure the least distance of the burr's centre, mm, and the waypoint.
     ///
     /// # Errors
     /// Where the motion is not the arm's.
-    pub(super) fn of(attempt: &Attempt) -> Result<Self, PlanError> {
+    pub(super) fn of(attempt: &Attempt, least: &[Option<(f64, usize)>]) -> Result<Self, PlanError> {
         let prepared = &attempt.prepared;
         let toward = prepared.near.iter().map(|near| near.first().map(|n| &n.proximity.toward));
         let compliances = attempt.chosen.compliances.as_deref();
         Ok(Self {
-            path: attempt.path_facts(),
+            path: attempt.path_facts(least),
             drafts: attempt.drafts.clone(),
             axes: attempt.axis_facts(),
             arm: ArmFacts::along(attempt.prepared.start.arm, &attempt.motion, compliances, toward)?,
@@ -99,7 +102,7 @@ impl Modelled {
 }
 
 impl Attempt<'_> {
-    fn path_facts(&self) -> PathFacts {
+    fn path_facts(&self, least: &[Option<(f64, usize)>]) -> PathFacts {
         let (reached, raster) = (&self.prepared.reached, self.prepared.raster());
         PathFacts {
             waypoints: reached.path.points.len(),
@@ -110,6 +113,12 @@ impl Attempt<'_> {
             spin: self.prepared.start.case.burr.spin,
             put_off: reached.put_off(),
             unjoined_passes: reached.path.unjoined,
+            error: PathError::of(
+                self.prepared.start.scene,
+                &reached.path.removal,
+                (&reached.path.points, self.prepared.start.case.burr.radius_mm),
+                least.iter().map(|least| least.map(|(mm, _)| mm)),
+            ),
         }
     }
 

@@ -7,7 +7,8 @@ use bonemill_arm::ur::branch_name;
 use bonemill_planfile::{Metrics, PlanRecord, Value};
 
 use crate::{
-    ForceError, Plan, Reference, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn,
+    ForceError, PathError, Plan, Reference, SpeedLevels, StructureForces, Volumes, dropped_by_reason,
+    half_turn,
 };
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
@@ -172,6 +173,15 @@ fn force_error(error: &ForceError) -> Value {
     Value::Table([elements, ("cuts".to_owned(), error.cuts.into())].into_iter().chain(shares).collect())
 }
 
+/// Errors of the removed volume and of the least distances.
+fn path_error(error: &PathError) -> Value {
+    Value::Table(vec![
+        ("voxels".into(), error.voxels.into()),
+        ("removed".into(), error.removed_share.into()),
+        ("distance_mm".into(), error.distance_mm.into()),
+    ])
+}
+
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let (path, axes, arm) = (&plan.modelled.path, &plan.modelled.axes, &plan.modelled.arm);
     let dropped = dropped_by_reason(&plan.access.dropped).into_iter();
@@ -187,6 +197,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("cost_closed_form".into(), axes.cost_closed_form.into()),
         ("closed_form_error".into(), axes.closed_form_error.into()),
         ("force_error".into(), force_error(&axes.force_error)),
+        ("path_error".into(), path_error(&path.error)),
         ("direction_spacing_deg".into(), axes.direction_spacing_rad.to_degrees().into()),
         ("low_pass_held".into(), axes.low_pass_held.into()),
         ("blocked_turns".into(), axes.blocked_turns.into()),

@@ -383,6 +383,24 @@ pub const MODELLED: &[Column] = &[
         "",
         "The most by which a force exceeds the largest one stated of its cut, as a share of the largest of all.",
     ),
+    Column::new(
+        "path_error.voxels",
+        "1",
+        "",
+        "Voxels of the target at the surface of what is removed that were divided into 216 parts: what the next compares with.",
+    ),
+    Column::new(
+        "path_error.removed",
+        "1",
+        "",
+        "Volume that is removed beyond `removed_mm3`, as a share of the target; negative where less is.",
+    ),
+    Column::new(
+        "path_error.distance_mm",
+        "mm",
+        "",
+        "The most by which a structure is nearer between two waypoints than its least distance at one.",
+    ),
     Column::new("direction_spacing_deg", "°", "", "Angle between neighbouring candidate directions."),
     Column::new(
         "low_pass_held",

@@ -293,6 +293,10 @@ fn modelled(plan: &Plan) -> String {
             ),
         ),
         (
+            "error of the removed volume, share of the target; of the least distances, between waypoints".into(),
+            format!("{:+.3} %; {:.4} mm", 100.0 * m.path.error.removed_share, m.path.error.distance_mm),
+        ),
+        (
             "candidate directions of the shaft, before refinement".into(),
             format!("{:.1}° apart", m.axes.direction_spacing_rad.to_degrees()),
         ),
