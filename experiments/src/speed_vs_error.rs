@@ -88,8 +88,9 @@ struct Outcome {
     mean_n: f64,
     peak_n: f64,
     total_s: f64,
-    /// Of the forces of cuts, of the pushes toward structures, of the largest within a cut, as the plan measures them.
-    own: [f64; 3],
+    /// Of the forces of cuts, of the pushes toward structures, of the largest within a cut, of the removed volume, as the plan measures them,
+    /// shares; of the least distance, mm.
+    own: [f64; 5],
 }
 
 /// Processor time of this process so far, s; `None` where the system does not tell it.
@@ -108,7 +109,7 @@ impl Outcome {
         let (case, figures) = (&plan.setup.case, &plan.results.figures);
         let first = || figures.structures.iter().enumerate().filter(|(n, _)| case.rank(*n) <= 1.0);
         let coverage = &plan.results.coverage;
-        let error = &plan.modelled.axes.force_error;
+        let (error, path) = (&plan.modelled.axes.force_error, &plan.modelled.path.error);
         Self {
             body: body.into(),
             changed,
@@ -125,7 +126,13 @@ impl Outcome {
             mean_n: figures.mean_force_n,
             peak_n: figures.peak_force_n,
             total_s: plan.moves.law.duration_s(),
-            own: [error.of_cuts_share, error.toward_share, error.beyond_share],
+            own: [
+                error.of_cuts_share,
+                error.toward_share,
+                error.beyond_share,
+                path.removed_share.abs(),
+                path.distance_mm,
+            ],
         }
     }
 
@@ -143,6 +150,8 @@ impl Outcome {
             per_cent(self.own[0]),
             per_cent(self.own[1]),
             per_cent(self.own[2]),
+            per_cent(self.own[3]),
+            format!("{:.4}", self.own[4]),
             format!("{:+.2}", 100.0 * (self.removed_share - reference.removed_share)),
             format!("{:+.3}", self.least_mm - reference.least_mm),
             change(|o| o.mean_toward_n),
@@ -193,8 +202,9 @@ fn folder_of(case: &Path) -> String {
 /// # Errors
 /// When a body cannot be made or planned.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
-    let title = "Speed against error of whole plans. \"Of cuts\", \"toward\", \"beyond\": errors of the plan's forces as it measures them on itself \
-                 (mean |F| of single cuts, push toward structures, largest force within a cut), %. The rest: change against the plan with \
+    let title = "Speed against error of whole plans. \"Of cuts\", \"toward\", \"beyond\", \"volume\", \"nearer\": a plan's errors as it measures them on \
+                 itself (mean |F| of single cuts, push toward structures, largest force within a cut, %; removed volume, % of the target; least \
+                 distance, mm). The rest: change against the plan with \
                  everything fine, the last of each body: removed, points of %; least distance, mm; forces toward priority 1 and |F|, %; total time, %.";
     let head = [
         "body",
@@ -204,6 +214,8 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
         "of cuts",
         "toward",
         "beyond",
+        "volume",
+        "nearer",
         "removed",
         "distance",
         "mean toward",
