@@ -140,6 +140,31 @@ fn masks_of_single_structures_are_named_by_their_files() {
 }
 
 #[test]
+fn a_target_that_touches_a_structure_gives_way_and_is_planned() {
+    let place = named().with_labels(|labels| {
+        let side = labels.dims[0];
+        let is_target = |value: f32| (value - body::TARGET).abs() < 0.5;
+        let far = labels
+            .values
+            .iter()
+            .enumerate()
+            .filter(|(_, v)| is_target(**v))
+            .map(|(n, _)| n % side)
+            .max()
+            .unwrap();
+        let touching =
+            labels.values.iter_mut().enumerate().filter(|(n, v)| is_target(**v) && n % side == far);
+        touching.for_each(|(_, value)| *value = body::NERVE);
+    });
+    let ran = make(&place, &[]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.out.contains("taken away from it with a margin: facial_nerve by 1 mm"), "{}", ran.out);
+    assert_eq!(read(&place).less.len(), 1);
+    let planned = place.run(&["plan", "case.toml", "--out", "plan"]);
+    assert!(planned.code < 2 && planned.out.contains("removed"), "{}{}", planned.out, planned.err);
+}
+
+#[test]
 fn nothing_is_replaced_unasked_and_nothing_that_is_read() {
     let place = named();
     fs::write(place.path("case.toml"), "mine").unwrap();

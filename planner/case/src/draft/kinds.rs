@@ -94,7 +94,7 @@ const TARGETS: &str = "target|resection|mastoidectomy|drill|drilled|drilling|to 
 /// Words beside those of a target that turn its meaning.
 const REFUSALS: &str = "no|not|non|keep|avoid|spare|outside|without";
 /// Bone, by the names of TotalSegmentator and others.
-const BONES: &str = "bone|bony|skull|cranium|calvaria|mandible|maxilla|=mastoid|tooth|teeth|vertebra|vertebrae|rib|clavicle|clavicula|scapula|humerus|sternum|sacrum|hip|pelvis|femur|tibia|fibula|patella|=foam";
+const BONES: &str = "bone|bony|skull|cranium|calvaria|mandible|maxilla|=mastoid|tooth|teeth|vertebra|vertebrae|vertebral column|rib|clavicle|clavicula|scapula|humerus|sternum|sacrum|hip|pelvis|femur|tibia|fibula|patella|=foam";
 /// Air.
 const AIRS: &str = "air|mastoid cell|airway|nasal cavity|oral cavity|tympanic cavity|middle ear|maxillary sinus|sinus maxillary|frontal sinus|sinus frontal|sphenoid sinus|ethmoid|paranasal|trachea";
 /// Soft tissue, and what holds a whole body part.
@@ -318,6 +318,7 @@ mod tests {
                     "mandible",
                     "vertebrae_C1",
                     "rib_left_4",
+                    "lumbar vertebral column",
                     "femur_right",
                     "hip_left",
                     "mastoid",
