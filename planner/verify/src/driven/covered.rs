@@ -16,7 +16,7 @@ use super::super::carve::{MoveSegment, NEVER};
 use super::path::THIN_MM;
 
 /// Side of a cell, mm.
-const CELL_MM: f64 = 0.5;
+const CELL_MM: f64 = 0.25;
 /// Relative margin for rounding.
 const ROUNDING: f64 = 1e-12;
 /// A piece that ends at least so long before another one begins is an earlier pass, mm of way.
