@@ -113,3 +113,37 @@ impl Level {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Case;
+
+    const LEAST: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n";
+
+    #[test]
+    fn the_cheapest_level_that_keeps_what_is_asked_is_taken_unless_one_is_given() {
+        for (asked, level) in [
+            ("", Level::Default),
+            ("force = 0.02", Level::Coarse),
+            ("force = 0.02\nremoved = 0.005", Level::Default),
+            ("distance_mm = 0.01", Level::Coarse),
+            ("force = 0.005", Level::Fine),
+            ("force = 0.0005", Level::Fine),
+            ("force = 0.02\nlevel = \"fine\"", Level::Fine),
+        ] {
+            let text = format!("{LEAST}[target]\nlabel = 1\n[accuracy]\n{asked}\n");
+            let case = Case::parse(&text, "case.toml".as_ref()).unwrap();
+            assert_eq!(case.accuracy.level, level, "{asked}");
+            assert_eq!(case.grid.spacing_mm, level.within_mm(case.burr.radius_mm)[0], "{asked}");
+        }
+    }
+
+    #[test]
+    fn a_channel_is_asked_for_no_error() {
+        let channel = "[path]\npattern = \"plunge\"\nentry_mm = [0, 0, 0]\ntarget_mm = [0, 0, 9]\n";
+        let text = format!("{LEAST}{channel}[accuracy]\nforce = 0.02\n");
+        let told = Case::parse(&text, "case.toml".as_ref()).unwrap_err().to_string();
+        assert!(told.contains("accuracy.force") && told.contains("not on channels"), "{told}");
+    }
+}

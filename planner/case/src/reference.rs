@@ -116,7 +116,7 @@ mod tests {
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
-        flange_from_burr = { translation_mm = [0, 0, 0], rpy_rad = [0, 0, 0] }\n";
+        flange_from_burr = { translation_mm = [0, 0, 0], rpy_rad = [0, 0, 0] }\n[accuracy]\nforce = 0.02\nremoved = 0.01\ndistance_mm = 0.02\n";
 
     /// A channel with every key that can stand together.
     const CHANNEL: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[tool]\nkind = \"drill\"\n[path]\npattern = \"plunge\"\n\

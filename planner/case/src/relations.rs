@@ -245,6 +245,11 @@ fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
             "a channel's speed is path.feed_mm_rev or path.feed_mm_s, and speed.link_mm_s outside the bone";
         note(CaseFault::Contradiction { key: key.into(), why }, key);
     }
+    let is_error = |key: &&str| ["accuracy.force", "accuracy.removed", "accuracy.distance_mm"].contains(key);
+    if let (Job::Channel(_), Some(key)) = (&case.job, case.given.keys().find(is_error)) {
+        let why = "errors are measured on bone that is milled in layers, not on channels: leave the key out";
+        note(CaseFault::Contradiction { key: key.into(), why }, key);
+    }
     if case.cost.force == ForceTerm::Deflection && case.robot.joint_stiffness.is_none() {
         let expected = "one value per joint, N/mm or N·mm/rad, for cost.force = \"deflection\"".into();
         note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "cost.force");
