@@ -3,7 +3,7 @@
 use crate::support::body;
 use crate::support::figures::{entry, figure};
 use crate::support::place::Place;
-use bonemill_geometry::testkit::pocket::label;
+use bonemill_geometry::testkit::pocket::{TARGET, label};
 use bonemill_planner::case::{Accuracy, Level};
 use bonemill_planner::plan::{StoredPlan, Value};
 use nalgebra::Vector3;
@@ -88,7 +88,7 @@ fn the_error_of_the_removed_volume_is_that_of_a_count_of_points_and_a_miss_is_to
     let counts = (0..body::DIMS.iter().product()).into_par_iter().filter_map(|n: usize| {
         let voxel =
             [n % body::DIMS[0], n / body::DIMS[0] % body::DIMS[1], n / (body::DIMS[0] * body::DIMS[1])];
-        (f32::from(label(voxel)) == body::TARGET).then(|| {
+        (label(voxel) == TARGET).then(|| {
             let part = |part: usize| {
                 let at = [part % PARTS, part / PARTS % PARTS, part / (PARTS * PARTS)];
                 let along = |a: usize| voxel[a] as f64 + (at[a] as f64 + 0.5) / PARTS as f64 - 0.5;
