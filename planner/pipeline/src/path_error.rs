@@ -22,8 +22,6 @@ const PLACES: usize = 16;
 /// Errors of what is stated of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PathError {
-    /// Voxels that were divided.
-    pub voxels: usize,
     /// Error of the target's removed volume, as a share of the target; positive where more is removed than stated.
     pub removed_share: f64,
     /// By how much the distance to a structure is less between two waypoints than its least at one, mm.
@@ -38,18 +36,18 @@ impl PathError {
         (points, radius_mm): (&[PathPoint], f64),
         least_mm: impl Iterator<Item = Option<f64>>,
     ) -> Self {
-        let (voxels, removed_share) = removed_error(scene, removal, points, radius_mm);
+        let removed_share = removed_error(scene, removal, points, radius_mm);
         let distance_mm = scene.structures.iter().zip(least_mm).filter_map(|(structure, least_mm)| {
             let (field, least_mm) = (structure.field.as_ref()?, least_mm?);
             let distance_mm = |p: Point<Work>| field.nearest(scene.ct_from_work * p).0;
             Some(least_mm - least_between(points, least_mm, distance_mm))
         });
-        Self { voxels, removed_share, distance_mm: distance_mm.fold(0.0, f64::max) }
+        Self { removed_share, distance_mm: distance_mm.fold(0.0, f64::max) }
     }
 }
 
-/// The number of divided voxels, and the volume that is removed beyond the stated one, as a share of the target.
-fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], radius_mm: f64) -> (usize, f64) {
+/// The volume that is removed beyond the stated one, as a share of the target.
+fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], radius_mm: f64) -> f64 {
     let grid = scene.class.grid();
     let [nx, ny, nz] = grid.dims();
     let of_target = |n: &usize| scene.class.data()[*n].is(Class::TARGET);
@@ -64,7 +62,7 @@ fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], rad
     let cut: Vec<usize> = (0..scene.class.data().len()).filter(of_target).filter(may_be_cut).collect();
     let sample: Vec<usize> = cut.iter().copied().step_by(cut.len().div_ceil(MOST_VOXELS).max(1)).collect();
     if sample.is_empty() {
-        return (0, 0.0);
+        return 0.0;
     }
     let moves: Vec<[Vector3<f64>; 2]> =
         points.windows(2).map(|pair| [pair[0].position.coords, pair[1].position.coords]).collect();
@@ -89,7 +87,7 @@ fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], rad
     };
     let found: Vec<f64> = sample.par_iter().map(|n| beyond(*n)).collect();
     let mean = found.iter().sum::<f64>() / sample.len() as f64;
-    (sample.len(), mean * cut.len() as f64 / target as f64)
+    mean * cut.len() as f64 / target as f64
 }
 
 /// The least distance on the way, where that may be less than at any waypoint, mm.

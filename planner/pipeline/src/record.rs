@@ -176,7 +176,6 @@ fn force_error(error: &ForceError) -> Value {
 /// Errors of the removed volume and of the least distances.
 fn path_error(error: &PathError) -> Value {
     Value::Table(vec![
-        ("voxels".into(), error.voxels.into()),
         ("removed".into(), error.removed_share.into()),
         ("distance_mm".into(), error.distance_mm.into()),
     ])

@@ -370,12 +370,7 @@ pub const MODELLED: &[Column] = &[
         "Cuts whose forces were computed again at eight places of the move, with twice as many elements, at least 128: what the others compare with.",
     ),
     Column::new("force_error.mean", "1", "", "Error of the mean force over these cuts, as a share of it."),
-    Column::new(
-        "force_error.of_cuts",
-        "1",
-        "",
-        "The same of single cuts: the errors' mean size over the mean force.",
-    ),
+    Column::new("force_error.of_cuts", "1", "", "The same of single cuts: the errors' mean size."),
     Column::new("force_error.toward", "1", "", "The same of the pushes toward structures."),
     Column::new(
         "force_error.beyond",
@@ -384,16 +379,10 @@ pub const MODELLED: &[Column] = &[
         "The most by which a force exceeds the largest one stated of its cut, as a share of the largest of all.",
     ),
     Column::new(
-        "path_error.voxels",
-        "1",
-        "",
-        "Voxels of the target at the surface of what is removed that were divided into 216 parts: what the next compares with.",
-    ),
-    Column::new(
         "path_error.removed",
         "1",
         "",
-        "Volume that is removed beyond `removed_mm3`, as a share of the target; negative where less is.",
+        "Volume that is removed beyond `removed_mm3`, as a share of the target, by parts of voxels; negative where less is.",
     ),
     Column::new(
         "path_error.distance_mm",
