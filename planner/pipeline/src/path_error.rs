@@ -39,7 +39,7 @@ impl PathError {
         let removed_share = removed_error(scene, removal, points, radius_mm);
         let distance_mm = scene.structures.iter().zip(least_mm).filter_map(|(structure, least_mm)| {
             let (field, least_mm) = (structure.field.as_ref()?, least_mm?);
-            let distance_mm = |p: Point<Work>| field.nearest(scene.ct_from_work * p).0;
+            let distance_mm = |p: Point<Work>| field.distance(scene.ct_from_work * p);
             Some(least_mm - least_between(points, least_mm, distance_mm))
         });
         Self { removed_share, distance_mm: distance_mm.fold(0.0, f64::max) }
