@@ -1,7 +1,7 @@
 //! The approximations' keys and levels: what a plan says that its forces err by, and what a level sets.
 
 use crate::support::body;
-use crate::support::figures::{entry, figure};
+use crate::support::figures::entry;
 use crate::support::place::Place;
 use bonemill_geometry::testkit::pocket::{TARGET, label};
 use bonemill_planner::case::{Accuracy, Level};
@@ -99,8 +99,7 @@ fn the_error_of_the_removed_volume_is_that_of_a_count_of_points_and_a_miss_is_to
     });
     let [removed, all] = counts.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
     let counted = removed as f64 / all as f64;
-    let metric = |key| figure(&plan.record, &[key]);
-    let stated = metric("removed_mm3") / metric("target_mm3");
+    let stated = plan.record.metrics.removed_mm3 / plan.record.metrics.target_mm3;
     let Value::Number(error) = entry(&plan.record.modelled, &["path_error", "removed"]) else {
         panic!("no number")
     };

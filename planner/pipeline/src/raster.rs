@@ -40,7 +40,7 @@ use super::start::Start;
 /// An angle from the grid's axes is rounded to this, rad, so that lines along an axis are exactly along it.
 const ANGLE_RAD: f64 = 1e-9;
 /// A draft's steps are this many times longer.
-const COARSER: f64 = 2.0;
+const COARSER: f64 = 4.0;
 /// A later candidate must have a product of figures that is lower by this share: otherwise the first stands.
 const CLEARLY: f64 = 0.25;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
