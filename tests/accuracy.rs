@@ -65,7 +65,7 @@ fn an_error_that_is_asked_for_sets_the_level_is_kept_and_a_miss_is_told() {
 
 #[test]
 fn the_error_of_the_removed_volume_is_that_of_a_count_of_points_and_a_miss_is_told() {
-    const PARTS: usize = 4;
+    const PARTS: usize = 8;
     let asked = "removed = 0.0001\ndistance_mm = 0.2";
     let place = Place::healthy().with_case("[grid]\n", &format!("[accuracy]\n{asked}\n\n[grid]\n"));
     let ran = place.plan();
@@ -103,8 +103,9 @@ fn the_error_of_the_removed_volume_is_that_of_a_count_of_points_and_a_miss_is_to
     let Value::Number(error) = entry(&plan.record.modelled, &["path_error", "removed"]) else {
         panic!("no number")
     };
-    assert!((stated + error - counted).abs() < 5e-4, "{stated} {error} {counted}");
-    assert!(error.abs() > 1e-3, "{error}");
+    // parts of voxels themselves are counted to about a thousandth
+    assert!((stated + error - counted).abs() < 2e-3, "{stated} {error} {counted}");
+    assert!(error.abs() > 1e-2, "{error}");
 }
 
 #[test]
