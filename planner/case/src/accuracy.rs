@@ -66,10 +66,12 @@ impl Accuracy {
         Self { asked, level, force_elements, force_directions, force_change, axis_spacing_rad }
     }
 
-    /// With sums of forces that err by about half: twice as many elements, and places within moves at smaller changes.
+    /// With sums of forces that err by about half: twice as many elements, and places within moves at smaller changes, as far as the keys go.
     #[must_use]
     pub fn with_finer_forces(self) -> Self {
-        Self { force_elements: 2 * self.force_elements, force_change: 0.4 * self.force_change, ..self }
+        let force_elements = (2 * self.force_elements).min(k::FORCE_ELEMENTS.max as u32);
+        let force_change = (0.4 * self.force_change).max(k::FORCE_CHANGE.min);
+        Self { force_elements, force_change, ..self }
     }
 
     pub(super) fn read(t: Walk<'_, '_>) -> Self {

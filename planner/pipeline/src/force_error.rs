@@ -20,8 +20,9 @@ const FEWEST: usize = 24;
 const MOST: usize = 192;
 /// Places within each.
 const PLACES: usize = 8;
-/// Fewest elements from tip to shaft.
-const ELEMENTS: u32 = 128;
+/// Elements from tip to shaft, at least and at most.
+const FEWEST_ELEMENTS: u32 = 128;
+const MOST_ELEMENTS: u32 = 512;
 
 /// Errors of stated forces at the nominal speed, as shares of the converged ones.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -66,7 +67,8 @@ impl ForcedPath<'_> {
         (length_mm, ends, within): (&[f64], &[Option<EngagedForce>], &[Vec<ForceWithin>]),
     ) -> Result<ForceError, PlanError> {
         let elements = case.accuracy.force_elements;
-        let accuracy = Accuracy { force_elements: ELEMENTS.max(2 * elements), ..case.accuracy };
+        let force_elements = (2 * elements).clamp(FEWEST_ELEMENTS, MOST_ELEMENTS).max(elements);
+        let accuracy = Accuracy { force_elements, ..case.accuracy };
         let fine = FineForce::new(&Case { accuracy, ..case.clone() })?;
         let nominal_mm_s = case.speed.nominal_mm_s;
         let cuts: Vec<usize> = (1..ends.len()).filter(|i| ends[*i].is_some()).collect();
