@@ -6,7 +6,7 @@ use super::walker::Walk;
 /// What a plan of each level errs by at most, the cheapest level first: rounded up from what `experiment speed-vs-error` measures.
 const FRONT: [(Level, [f64; 3]); 3] = [
     (Level::Coarse, [0.016, 0.007, 0.005]),
-    (Level::Default, [0.007, 0.003, 0.001]),
+    (Level::Default, [0.008, 0.003, 0.001]),
     (Level::Fine, [0.003, 0.003, 0.001]),
 ];
 
