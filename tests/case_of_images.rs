@@ -50,7 +50,7 @@ fn two_commands_make_a_plan_of_a_phantoms_images() {
     for part in ["facial nerve", "target", "3375.0", "spares facial_nerve", "bonemill plan cases/mine.toml"] {
         assert!(made.out.contains(part), "{part}: {}", made.out);
     }
-    // as a preview, which takes a third of the time
+    // as a preview, which takes half the time
     let text = fs::read_to_string(place.path("cases/mine.toml")).unwrap();
     fs::write(place.path("cases/mine.toml"), text + "\n[accuracy]\nlevel = \"coarse\"\n").unwrap();
     let planned = place.run(&["plan", "cases/mine.toml", "--out", "plan", "--json"]);

@@ -1,6 +1,6 @@
 //! The whole way from a CT to a verified plan, on both phantoms and on real scans.
 //!
-//! The temporal bones are planned on a coarser grid than their cases say, the real one as a preview, which takes a fifth of the time.
+//! The temporal bones are planned on a coarser grid than their cases say, the real one as a preview, which takes two fifths of the time.
 //! Real scans are searched in `BONEMILL_DATA`, or beside the workspace in `../shared/data`. If one is missing, the test prints
 //! this and uses the others.
 

@@ -7,6 +7,7 @@
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::sweep::segment_distance_squared;
 use bonemill_geometry::{Point, Work, cancel};
+use bonemill_toolpath::neighbours::joined;
 use bonemill_toolpath::path::PathPoint;
 use bonemill_toolpath::scene::{Class, Scene};
 use nalgebra::Vector3;
@@ -39,8 +40,9 @@ impl PathError {
         let removed_share = removed_error(scene, removal, points, radius_mm);
         let distance_mm = scene.structures.iter().zip(least_mm).filter_map(|(structure, least_mm)| {
             let (field, least_mm) = (structure.field.as_ref()?, least_mm?);
+            let is_nearer = |p: Point<Work>, mm: f64| field.is_nearer_than(scene.ct_from_work * p, mm);
             let distance_mm = |p: Point<Work>| field.distance(scene.ct_from_work * p);
-            Some(least_mm - least_between(points, least_mm, distance_mm))
+            Some(least_mm - least_between(points, least_mm, is_nearer, distance_mm))
         });
         Self { removed_share, distance_mm: distance_mm.fold(0.0, f64::max) }
     }
@@ -49,17 +51,13 @@ impl PathError {
 /// The volume that is removed beyond the stated one, as a share of the target.
 fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], radius_mm: f64) -> f64 {
     let grid = scene.class.grid();
-    let [nx, ny, nz] = grid.dims();
-    let of_target = |n: &usize| scene.class.data()[*n].is(Class::TARGET);
-    let may_be_cut = |n: &usize| {
-        let voxel = grid.voxel(*n);
-        let range = |axis: usize, count: usize| voxel[axis].saturating_sub(1)..(voxel[axis] + 2).min(count);
-        let mut around = range(2, nz)
-            .flat_map(|k| range(1, ny).flat_map(move |j| range(0, nx).map(move |i| i + nx * (j + ny * k))));
-        around.any(|other| removal.is_removed(other) != removal.is_removed(*n))
-    };
-    let target = (0..scene.class.data().len()).filter(of_target).count();
-    let cut: Vec<usize> = (0..scene.class.data().len()).filter(of_target).filter(may_be_cut).collect();
+    let target: Vec<usize> = (0..grid.len()).filter(|n| scene.class.data()[*n].is(Class::TARGET)).collect();
+    // both where the surface may pass
+    let (standing, removed) = (1, 2);
+    let is: Vec<u8> =
+        (0..grid.len()).map(|n| if removal.is_removed(n) { removed } else { standing }).collect();
+    let around = joined(&is, grid.dims(), |a, b| a | b);
+    let cut: Vec<usize> = target.iter().copied().filter(|n| around[*n] == standing | removed).collect();
     let sample: Vec<usize> = cut.iter().copied().step_by(cut.len().div_ceil(MOST_VOXELS).max(1)).collect();
     if sample.is_empty() {
         return 0.0;
@@ -87,20 +85,20 @@ fn removed_error(scene: &Scene, removal: &RemovalTime, points: &[PathPoint], rad
     };
     let found: Vec<f64> = sample.par_iter().map(|n| beyond(*n)).collect();
     let mean = found.iter().sum::<f64>() / sample.len() as f64;
-    mean * cut.len() as f64 / target as f64
+    mean * cut.len() as f64 / target.len() as f64
 }
 
 /// The least distance on the way, where that may be less than at any waypoint, mm.
 fn least_between(
     points: &[PathPoint],
     least_mm: f64,
+    is_nearer: impl Fn(Point<Work>, f64) -> bool + Sync,
     distance_mm: impl Fn(Point<Work>) -> f64 + Sync,
 ) -> f64 {
-    let at: Vec<f64> = points.par_iter().map(|point| distance_mm(point.position)).collect();
     let on_the_way = |i: usize| {
         let (a, b) = (points[i - 1].position, points[i].position);
         // a distance changes by no more than the way
-        if 0.5 * (at[i - 1] + at[i] - (b - a).norm()) >= least_mm {
+        if !is_nearer(b, least_mm + (b - a).norm()) {
             return least_mm;
         }
         let places = (1..PLACES).map(|n| distance_mm(a + (b - a) * (n as f64 / PLACES as f64)));
@@ -124,11 +122,13 @@ mod tests {
         // a point 3 mm aside from the middle of a move of 4 mm
         let points = [at(-10.0, 0.0), at(-2.0, 0.0), at(2.0, 0.0), at(2.0, -9.0)];
         let distance_mm = |p: Point<Work>| (p - Point::new(0.0, 3.0, 0.0)).norm();
+        let is_nearer = |p: Point<Work>, mm: f64| distance_mm(p) < mm;
         let stated = 13f64.sqrt();
-        assert!((least_between(&points, stated, distance_mm) - 3.0).abs() < 1e-12);
+        assert!((least_between(&points, stated, is_nearer, distance_mm) - 3.0).abs() < 1e-12);
         // where waypoints lie everywhere, nothing is less
         assert!(
-            (least_between(&[at(-2.0, 0.0), at(0.0, 0.0), at(2.0, 0.0)], 3.0, distance_mm) - 3.0).abs()
+            (least_between(&[at(-2.0, 0.0), at(0.0, 0.0), at(2.0, 0.0)], 3.0, is_nearer, distance_mm) - 3.0)
+                .abs()
                 < 1e-12
         );
     }

@@ -5,7 +5,7 @@
 
 pub mod access;
 pub mod engagement;
-mod neighbours;
+pub mod neighbours;
 pub mod orientation;
 pub mod path;
 pub mod scene;

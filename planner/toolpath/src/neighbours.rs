@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 /// For each voxel, `join` of its value and its 26 neighbours' values, x-fastest over `dims`. `join` must be associative,
 /// commutative and idempotent, with the default value as its neutral element.
-pub(crate) fn joined<T: Copy + Default + Send + Sync>(
+pub fn joined<T: Copy + Default + Send + Sync>(
     value: &[T],
     [nx, ny, nz]: [usize; 3],
     join: impl Fn(T, T) -> T + Sync,
