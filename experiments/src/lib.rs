@@ -11,6 +11,7 @@ pub mod body;
 pub mod cli;
 mod cross_validation;
 pub mod engine;
+mod figures;
 pub mod force_error;
 pub mod haptic;
 pub mod hard_cases;
@@ -242,6 +243,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "hard-cases",
         about: "small bodies, each hard in one way: what must become of each, and what does",
         run: hard_cases::run,
+    },
+    Experiment {
+        name: "stability",
+        about: "how far a plan moves where its input moves a little",
+        run: hard_cases::run_stability,
     },
     Experiment {
         name: "random-scenes",

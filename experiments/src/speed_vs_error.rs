@@ -13,6 +13,7 @@ use bonemill_planner::case::Case;
 use bonemill_planner::pipeline::{Plan, plan};
 
 use crate::body::Body;
+use crate::figures::PlanFigures;
 use crate::pareto::picture::{Panel, PlotPoint, svg};
 use crate::{ExperimentError, Size, Table};
 
@@ -81,13 +82,7 @@ struct Outcome {
     changed: String,
     processor_s: f64,
     wall_s: f64,
-    removed_share: f64,
-    least_mm: f64,
-    mean_toward_n: f64,
-    peak_toward_n: f64,
-    mean_n: f64,
-    peak_n: f64,
-    total_s: f64,
+    figures: PlanFigures,
     /// Of the forces of cuts, of the pushes toward structures, of the largest within a cut, of the removed volume, as the plan measures them,
     /// shares; of the least distance, mm.
     own: [f64; 5],
@@ -106,26 +101,13 @@ fn processor_s() -> Option<f64> {
 
 impl Outcome {
     fn of((body, changed): (&str, String), plan: &Plan, [processor_s, wall_s]: [f64; 2]) -> Self {
-        let (case, figures) = (&plan.setup.case, &plan.results.figures);
-        let first = || figures.structures.iter().enumerate().filter(|(n, _)| case.rank(*n) <= 1.0);
-        let coverage = &plan.results.coverage;
         let (error, path) = (&plan.modelled.axes.force_error, &plan.modelled.path.error);
         Self {
             body: body.into(),
             changed,
             processor_s,
             wall_s,
-            removed_share: coverage.removed.all_mm3 / coverage.target.all_mm3.max(f64::MIN_POSITIVE),
-            least_mm: figures
-                .structures
-                .iter()
-                .filter_map(|s| s.least.map(|(mm, _)| mm))
-                .fold(f64::INFINITY, f64::min),
-            mean_toward_n: first().map(|(_, s)| s.force.mean_with_zeros_n).fold(0.0, f64::max),
-            peak_toward_n: first().map(|(_, s)| s.force.peak_n).fold(0.0, f64::max),
-            mean_n: figures.mean_force_n,
-            peak_n: figures.peak_force_n,
-            total_s: plan.moves.law.duration_s(),
+            figures: PlanFigures::of(plan),
             own: [
                 error.of_cuts_share,
                 error.toward_share,
@@ -137,12 +119,8 @@ impl Outcome {
     }
 
     fn row(&self, reference: &Self) -> Vec<String> {
-        let change = |of: fn(&Self) -> f64| {
-            let (found, reference) = (of(self), of(reference));
-            format!("{:+.1}", 100.0 * (found - reference) / reference.abs().max(f64::MIN_POSITIVE))
-        };
         let per_cent = |share: f64| format!("{:.2}", 100.0 * share);
-        vec![
+        [
             self.body.clone(),
             self.changed.clone(),
             format!("{:.1}", self.processor_s),
@@ -152,14 +130,10 @@ impl Outcome {
             per_cent(self.own[2]),
             per_cent(self.own[3]),
             format!("{:.4}", self.own[4]),
-            format!("{:+.2}", 100.0 * (self.removed_share - reference.removed_share)),
-            format!("{:+.3}", self.least_mm - reference.least_mm),
-            change(|o| o.mean_toward_n),
-            change(|o| o.peak_toward_n),
-            change(|o| o.mean_n),
-            change(|o| o.peak_n),
-            change(|o| o.total_s),
         ]
+        .into_iter()
+        .chain(self.figures.changes(&reference.figures).map(|(change, digits)| format!("{change:+.digits$}")))
+        .collect()
     }
 }
 

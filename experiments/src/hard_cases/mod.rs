@@ -12,6 +12,7 @@ mod random;
 mod read_back;
 mod run;
 mod scene;
+mod stability;
 
 use bonemill_planner::Progress;
 use rayon::prelude::*;
@@ -24,6 +25,7 @@ pub use random::{RandomBody, random_scenes};
 pub(crate) use run::or_panic;
 pub use run::{End, run as run_scene};
 pub use scene::{Expect, Scene};
+pub use stability::run as run_stability;
 
 use crate::{ExperimentError, Size, Table};
 
