@@ -1,7 +1,8 @@
 //! One plan of a case, beside what a straight shaft does in the same time.
 //!
 //! First the references: two controls give the total time, a straight shaft with the least force the levels. Then the lines, the axes
-//! that fit the time at the lowest levels, the arm's motion and its speeds. Near structures no figure may be above those of the
+//! that fit the time at the lowest levels, the arm's motion and its speeds. Cuts that push toward a structure even at the least speed are
+//! put off to the end, when the bone around them is gone. Near structures no figure may be above those of the
 //! references ([`super::bounds`]).
 
 use std::collections::BTreeMap;
@@ -41,6 +42,8 @@ const LEAST_WAITS_SHARE: f64 = 0.02;
 /// How often axes are chosen at most, with the time of turns corrected and with those kept that push least: once or twice for most bodies; the most where
 /// the turns of a small one take far longer than predicted.
 const MOST_ROUNDS: usize = 5;
+/// How often cuts near structures are put off.
+const MOST_PUT_OFF: usize = 2;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
@@ -91,7 +94,7 @@ impl<'a> Start<'a> {
         let frames = raster::frames(self.case, self.scene)?;
         let references = self.references(&frames, &freedom, watch)?;
         let lines = self.lines(&frames, &freedom, &references, watch)?;
-        Prepared::new(self, &freedom, lines.plan, watch)
+        Prepared::new(self, &freedom, lines.plan, None, watch)
     }
 
     /// The plan with the least force in its time.
@@ -109,8 +112,8 @@ impl<'a> Start<'a> {
             let straight = self.straight(&references, lines.straight, self.most_overall(&controls))?;
             Ok::<_, PlanError>((controls, straight))
         })?;
-        let prepared = Prepared::new(self, &freedom, lines.plan, watch)?;
-        let mut attempt = self.attempt(prepared, &references, (&controls, straight), watch)?;
+        let prepared = Prepared::new(self, &freedom, lines.plan, None, watch)?;
+        let mut attempt = self.attempt((prepared, &freedom), &references, (&controls, straight), watch)?;
         let takes_s = attempt.timing.driven.law.duration_s();
         attempt.drafts = lines.drafts;
         attempt.compared.controls = if controls.iter().all(|control| control.takes(takes_s)) {
@@ -244,7 +247,7 @@ impl<'a> Start<'a> {
     /// Axes, motion and speeds for a path.
     fn attempt(
         &self,
-        mut prepared: Prepared<'a>,
+        (mut prepared, freedom): (Prepared<'a>, &ShaftFreedom),
         references: &References,
         (controls, straight): (&[Reference], Option<Straight>),
         watch: &mut Stopwatch,
@@ -254,7 +257,7 @@ impl<'a> Start<'a> {
         // figures are forces: they bound no plan that lowers deflections
         let bounds = straight.as_ref().filter(|_| goal.is_some() && case.cost.force == ForceTerm::Cutting);
         let bounds = bounds.map(|straight| Bounds::of(&straight.reference.forces, controls));
-        let (choices, chosen, motion) = self.axes(&mut prepared, goal, bounds.as_ref(), watch)?;
+        let (choices, chosen, motion) = self.axes((&mut prepared, freedom), goal, bounds.as_ref(), watch)?;
         let demand = prepared.demand(&choices, &chosen)?;
         let total_s = references.total_s;
         let aim = Aim {
@@ -283,20 +286,56 @@ impl<'a> Start<'a> {
         Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, drafts, mode })
     }
 
+    /// Puts cuts that push toward a structure off to the end, when the bone around them is gone, as long as that lowers what they push; gives
+    /// the axes and the motion.
+    fn put_off(
+        &self,
+        (prepared, freedom): (&mut Prepared<'a>, &ShaftFreedom),
+        choices: &Choices,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, ArmMotion), PlanError> {
+        let mut found = prepared.axes(choices, watch)?;
+        for _ in 0..MOST_PUT_OFF {
+            let pushing = prepared.pushing(&found.0);
+            if pushing.points.is_empty() {
+                break;
+            }
+            let path = (&prepared.reached.path, &pushing.points);
+            let later = Prepared::new(self, freedom, prepared.raster(), Some(path), watch)
+                .and_then(|mut later| later.axes(choices, watch).map(|found| (later, found)));
+            match later {
+                Err(error) if error.is_infeasible() => break,
+                Err(error) => return Err(error),
+                Ok((later, next)) => {
+                    let leaves_more = later.reached.dropped.len() > prepared.reached.dropped.len();
+                    if leaves_more || later.pushing(&next.0).sum_n >= pushing.sum_n {
+                        break;
+                    }
+                    (*prepared, found) = (later, next);
+                }
+            }
+        }
+        Ok(found)
+    }
+
     /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of help.
     fn axes(
         &self,
-        prepared: &mut Prepared,
+        (prepared, freedom): (&mut Prepared<'a>, &ShaftFreedom),
         goal: Option<Goal>,
         bounds: Option<&Bounds>,
         watch: &mut Stopwatch,
     ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
         let mut choices = Choices { goal, ..Choices::of(self.case) };
+        let puts_off = bounds.is_some() && self.case.speed.mode == SpeedMode::LeastForce;
+        let mut first = puts_off.then(|| self.put_off((prepared, freedom), &choices, watch)).transpose()?;
         // of the rounds with the most kept axes, the one that needs the least time under the reference's levels
         let mut best: Option<(usize, f64, Chosen, ArmMotion)> = None;
         for round in 1..=MOST_ROUNDS {
-            let (mut chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
+            let (chosen, motion) = match first.take() {
+                Some(found) => found,
+                None => prepared.axes(&choices, watch)?,
+            };
             let (needs_s, corrected) = self.corrected(prepared, &choices, &chosen, &motion)?;
             // after the last round nothing is chosen again
             let kept = match bounds.filter(|_| round < MOST_ROUNDS) {
@@ -358,6 +397,15 @@ impl<'a> Start<'a> {
             (timing, forces, caps_mm_s) = (slower, found, eased);
         }
         Ok((timing, forces))
+    }
+}
+
+impl Prepared<'_> {
+    /// Axes, the motion through them, and the forces along it.
+    fn axes(&mut self, choices: &Choices, watch: &mut Stopwatch) -> Result<(Chosen, ArmMotion), PlanError> {
+        let (mut chosen, motion) = self.choose_with_motion(choices, watch)?;
+        watch.run("forces", || self.look_within(choices, &mut chosen, &motion))?;
+        Ok((chosen, motion))
     }
 }
 

@@ -8,7 +8,7 @@
 //! - the cuts that push toward a structure near it go slower by the share by which a figure is too high ([`Prepared::eased`]): at
 //!   r times the speeds the means and the peak are r times as large, and only the few seconds near the structure are longer.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed};
 use bonemill_planfile::toward::NEAR_MM;
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
-use super::compared::{JUDGED, LEAST_N, SAME_SHARE};
+use super::compared::{JUDGED, LEAST_N, NOTHING_N, SAME_SHARE};
 use super::path_forces::{around_back, turning};
 use super::prepared::Prepared;
 use super::reference::{Reference, StructureForces};
@@ -28,6 +28,8 @@ use super::sampled::SampledForce;
 
 /// Places within a move at which axes are compared, as shares of its way.
 const PLACES: [f64; 5] = [0.02, 0.25, 0.5, 0.75, 1.0];
+/// Cuts are put off where one of them pushes by more than this at the least speed, N: assumed.
+const CLEARLY_N: f64 = 2.0 * NOTHING_N;
 /// Figures that are above their bound by no more than this share are left.
 const NEARLY: f64 = 0.005;
 
@@ -95,10 +97,40 @@ impl Bounds {
     }
 }
 
+/// Points of passes where cuts push toward structures near them, (pass, point), and the sum of these pushes at the least speed, N.
+#[derive(Debug, Default)]
+pub(super) struct Pushing {
+    pub points: HashSet<(u32, u32)>,
+    pub sum_n: f64,
+}
+
 impl Prepared<'_> {
     /// The structures that the burr's surface is near at a waypoint.
     fn close_by(&self, i: usize) -> Vec<&NearStructure> {
         self.near[i].iter().filter(|n| n.proximity.distance_mm - self.radius_mm() <= NEAR_MM).collect()
+    }
+
+    /// Points of passes where a cut near a structure pushes toward it by more than next to nothing even at the least speed, where one of them
+    /// does clearly; none that were put off already.
+    pub(super) fn pushing(&self, chosen: &Chosen) -> Pushing {
+        let (case, path) = (self.start.case, &self.reached.path);
+        let toward_n = |i: usize| {
+            let slowest_mm_s = chosen.slowest_mm_s(case, i);
+            let toward = |n: &NearStructure| {
+                chosen.forces_of(i).map(|(at, f)| n.most(&f.force_n(slowest_mm_s), at)).fold(0.0, f64::max)
+            };
+            self.close_by(i).into_iter().map(toward).fold(0.0, f64::max)
+        };
+        let is_new = |i: &usize| !path.passes[path.points[*i].leads_to.0 as usize].put_off;
+        let pushing = (0..path.points.len()).filter(is_new).map(|i| (i, toward_n(i)));
+        let pushing: Vec<(usize, f64)> = pushing.filter(|(_, n)| *n > NOTHING_N).collect();
+        if pushing.iter().all(|(_, n)| *n < CLEARLY_N) {
+            return Pushing::default();
+        }
+        Pushing {
+            points: pushing.iter().map(|(i, _)| path.points[*i].leads_to).collect(),
+            sum_n: pushing.iter().map(|(_, n)| n).sum(),
+        }
     }
 
     /// Cuts that push more at the least speed than any of the references does, each with a free axis that keeps the bounds, or misses them

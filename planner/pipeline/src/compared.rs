@@ -7,7 +7,7 @@ use bonemill_planfile::toward::{StructureFigures, TowardFigures};
 use super::reference::{Reference, StructureForces};
 
 /// Toward a structure, a force up to this counts as none, N: assumed.
-const NOTHING_N: f64 = 0.01;
+pub(super) const NOTHING_N: f64 = 0.01;
 /// The same beside a straight shaft with the least force, whose forces are much smaller, N: assumed.
 pub(super) const LEAST_N: f64 = 1e-3;
 /// Forces toward structures that differ by no more than this share count as the same.

@@ -1,5 +1,6 @@
 //! What a plan needs that does not depend on [`super::Choices`]: the path, what the shank can reach on it, and its engagement.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use bonemill_case::{Case, OrientationMode};
@@ -9,7 +10,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
 use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};
-use bonemill_toolpath::path::{self, PathPoint};
+use bonemill_toolpath::path::{self, MillPath, PathPoint, join_passes, put_off_points};
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
@@ -92,7 +93,8 @@ pub struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path along `raster` and finds what is free on it.
+    /// Lays the path along `raster` and finds what is free on it. `later`: passes of an earlier path along it, and those of their points
+    /// that are put off to the end.
     ///
     /// # Errors
     /// When the arm cannot stand there, or the shank reaches nothing.
@@ -100,6 +102,7 @@ impl<'a> Prepared<'a> {
         start: &Start<'a>,
         freedom: &ShaftFreedom,
         raster: Raster,
+        later: Option<(&MillPath, &HashSet<(u32, u32)>)>,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let Start { case, scene, space, .. } = *start;
@@ -107,8 +110,15 @@ impl<'a> Prepared<'a> {
         let step_rad = case.accuracy.axis_spacing_rad;
         let ShaftFreedom { family, turns, arm_axes, .. } = freedom;
         let spec = freedom.reach_spec(start);
-        let lay = || raster.lay(case, scene, space, spacing);
+        let lay = || match later {
+            None => raster.lay(case, scene, space, spacing),
+            Some((path, points)) => {
+                let passes = put_off_points(&path.passes, points, path.layers);
+                Ok(join_passes(space, spacing, passes, path.layers))
+            }
+        };
         let path = watch.run("path", lay)?;
+        let set_apart = reach::set_apart(&path);
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
         let narrow = is_whole
             .then(|| direction_sets::coarse_and_finer(limit_rad, step_rad, path.points.len()))
@@ -126,7 +136,7 @@ impl<'a> Prepared<'a> {
                 (set, None, reached)
             }
             Some((coarse, finer)) => match reach(path, &coarse, watch) {
-                Ok(reached) if !reached.is_changed() => (coarse, Some(finer), reached),
+                Ok(reached) if !reached.is_changed(set_apart) => (coarse, Some(finer), reached),
                 // gaps between coarse directions are no reason to change the path
                 _ => {
                     let (set, path) = (plain(), watch.run("path", lay)?);

@@ -6,7 +6,6 @@
 //! same time, links included: with the shaft along the approach at the least levels of force, and, where the case chooses axes by
 //! levels, with axes under the levels of the best straight draft. The figures of both are mean and peak of the force toward each
 //! structure and the mean force. The first candidate stands unless another is clearly better, so that rounding decides nothing.
-//! With axes by levels, the two best are drafted and judged again with half as long steps.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as time without a cut, and nothing is
 //! dropped or refined; forces count, also where the cost uses the deflection. Bone stands and goes by voxels, not by parts of them,
@@ -42,8 +41,6 @@ use super::start::Start;
 const ANGLE_RAD: f64 = 1e-9;
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
-/// And those of the two best, drafted again.
-const FINER: f64 = 2.0;
 /// A later candidate must have a product of figures that is lower by this share: otherwise the first stands.
 const CLEARLY: f64 = 0.25;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
@@ -112,49 +109,45 @@ pub(super) fn chosen(
         case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
     let turn = turn.filter(|_| chooses_axes);
     let drafts = Drafts::new(start, freedom)?;
-    let coarse = drafts.compared(&candidates, COARSER, (time_share, turn))?;
-    let straight = candidates[coarse.straight];
-    if turn.is_none() {
-        return Ok(ChosenLines { plan: straight, straight, drafts: coarse.listed(&candidates) });
-    }
-    // the two best again, since long steps miss pushes where little is cut
-    let finalists: Vec<Raster> = coarse.best_two().map(|n| candidates[n]).collect();
-    let plan = match finalists[..] {
-        [] => candidates[0],
-        [only] => only,
-        _ => finalists[drafts.compared(&finalists, FINER, (time_share, turn))?.plan()],
+    let made: Vec<Draft> =
+        candidates.par_iter().map(|raster| drafts.draft(raster, turn.is_some())).collect::<Result<_, _>>()?;
+    // one time for all of them
+    let first = &made[0];
+    let total_s = time_share
+        * (first.cuts_mm(&first.straight) / case.speed.nominal_mm_s + first.links_s(case, &first.straight));
+    let straight: Vec<Judged> = made
+        .par_iter()
+        .map(|draft| draft.judged(case, &draft.straight, total_s, None))
+        .collect::<Result<_, _>>()?;
+    let best_straight = first_clearly_best(straight.iter().map(|judged| Some(judged.forces.score(case))));
+    let [reference, most] = straight[best_straight].levels;
+    let listed = |forces: Vec<Option<StructureForces>>| {
+        let drafts = candidates.iter().zip(forces);
+        drafts.map(|(raster, forces)| LinesDraft { raster: *raster, forces }).collect::<Vec<_>>()
     };
-    Ok(ChosenLines { plan, straight, drafts: coarse.listed(&candidates) })
-}
-
-/// Drafts of some candidates, compared in one time.
-struct ComparedDrafts {
-    /// The candidate that is best with the shaft along the approach.
-    straight: usize,
-    /// Forces and score of each with axes by levels, or with the shaft along the approach where axes are not chosen so; no forces where
-    /// no sequence of axes gets through, no score where it is no candidate.
-    each: Vec<(Option<StructureForces>, Option<f64>)>,
-}
-
-impl ComparedDrafts {
-    fn plan(&self) -> usize {
-        first_clearly_best(self.each.iter().map(|(_, score)| *score))
-    }
-
-    /// The two with the lowest scores, in the order of the candidates.
-    fn best_two(&self) -> impl Iterator<Item = usize> {
-        let scored = self.each.iter().enumerate().filter_map(|(n, (_, score))| Some((n, (*score)?)));
-        let mut scored: Vec<(usize, f64)> = scored.collect();
-        scored.sort_by(|a, b| a.1.total_cmp(&b.1));
-        scored.truncate(2);
-        scored.sort_by_key(|(n, _)| *n);
-        scored.into_iter().map(|(n, _)| n)
-    }
-
-    fn listed(self, candidates: &[Raster]) -> Vec<LinesDraft> {
-        let drafts = candidates.iter().zip(self.each);
-        drafts.map(|(raster, (forces, _))| LinesDraft { raster: *raster, forces }).collect()
-    }
+    let Some(turn) = turn else {
+        let best = candidates[best_straight];
+        let drafts = listed(straight.into_iter().map(|judged| Some(judged.forces)).collect());
+        return Ok(ChosenLines { plan: best, straight: best, drafts });
+    };
+    let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn };
+    let tilted: Vec<Option<StructureForces>> = made
+        .par_iter()
+        .map(|draft| {
+            let Some(forces) = drafts.along_best(draft, &goal)? else { return Ok(None) };
+            Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces))
+        })
+        .collect::<Result<_, PlanError>>()?;
+    let least_unreached = made.iter().map(Draft::unreached).fold(f64::INFINITY, f64::min);
+    let most_n = (1.0 + MORE_FORCE) * straight[best_straight].forces.peak_n;
+    let keeps_peak = |forces: &StructureForces| forces.peak_n <= most_n;
+    let does_any = tilted.iter().flatten().any(keeps_peak);
+    let scores = tilted.iter().zip(&made).map(|(forces, draft)| {
+        let forces = forces.as_ref().filter(|forces| !does_any || keeps_peak(forces))?;
+        (draft.unreached() <= least_unreached + MORE_UNREACHED).then(|| forces.score(case))
+    });
+    let plan = candidates[first_clearly_best(scores)];
+    Ok(ChosenLines { plan, straight: candidates[best_straight], drafts: listed(tilted) })
 }
 
 /// The first of scores that no other is clearly below.
@@ -200,66 +193,11 @@ impl<'a> Drafts<'a> {
         Ok(Self { start, spec, sampled: SampledForce::new(case, SampledForce::LINES)? })
     }
 
-    /// Drafts of the candidates with steps that are `coarser` times longer, compared in the time of the first.
-    fn compared(
-        &self,
-        candidates: &[Raster],
-        coarser: f64,
-        (time_share, turn): (f64, Option<TurnTime>),
-    ) -> Result<ComparedDrafts, PlanError> {
-        let case = self.start.case;
-        let made: Vec<Draft> = candidates
-            .par_iter()
-            .map(|raster| self.draft(raster, coarser, turn.is_some()))
-            .collect::<Result<_, _>>()?;
-        let first = &made[0];
-        let total_s = time_share
-            * (first.cuts_mm(&first.straight) / case.speed.nominal_mm_s
-                + first.links_s(case, &first.straight));
-        let judged: Vec<Judged> = made
-            .par_iter()
-            .map(|draft| draft.judged(case, &draft.straight, total_s, None))
-            .collect::<Result<_, _>>()?;
-        let straight = first_clearly_best(judged.iter().map(|judged| Some(judged.forces.score(case))));
-        let Some(turn) = turn else {
-            let scored = |forces: StructureForces| {
-                let score = forces.score(case);
-                (Some(forces), Some(score))
-            };
-            let each = judged.into_iter().map(|judged| scored(judged.forces)).collect();
-            return Ok(ComparedDrafts { straight, each });
-        };
-        let [reference, most] = judged[straight].levels;
-        let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn };
-        let tilted: Vec<Option<StructureForces>> = made
-            .par_iter()
-            .map(|draft| {
-                let Some(forces) = self.along_best(draft, &goal)? else { return Ok(None) };
-                Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces))
-            })
-            .collect::<Result<_, PlanError>>()?;
-        let least_unreached = made.iter().map(Draft::unreached).fold(f64::INFINITY, f64::min);
-        let most_n = (1.0 + MORE_FORCE) * judged[straight].forces.peak_n;
-        let keeps_peak = |forces: &StructureForces| forces.peak_n <= most_n;
-        let does_any = tilted.iter().flatten().any(keeps_peak);
-        let score = |forces: &StructureForces, draft: &Draft| {
-            let is_candidate =
-                (!does_any || keeps_peak(forces)) && draft.unreached() <= least_unreached + MORE_UNREACHED;
-            is_candidate.then(|| forces.score(case))
-        };
-        let with_score = |(forces, draft): (Option<StructureForces>, &Draft)| {
-            let score = forces.as_ref().and_then(|forces| score(forces, draft));
-            (forces, score)
-        };
-        let each = tilted.into_iter().zip(&made).map(with_score).collect();
-        Ok(ComparedDrafts { straight, each })
-    }
-
     /// A draft along `raster`.
-    fn draft(&self, raster: &Raster, coarser: f64, tilts: bool) -> Result<Draft, PlanError> {
+    fn draft(&self, raster: &Raster, tilts: bool) -> Result<Draft, PlanError> {
         let Start { case, scene, space, .. } = *self.start;
         let radius_mm = case.burr.radius_mm;
-        let step_mm = (coarser * self.spec.spacing.step_mm).min(radius_mm);
+        let step_mm = (COARSER * self.spec.spacing.step_mm).min(radius_mm);
         let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..self.spec.spacing })?;
         let points = &path.points;
         let free = tilts.then(|| {

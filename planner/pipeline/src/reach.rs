@@ -64,9 +64,9 @@ pub struct Dropped {
 }
 
 impl ReachedPath<'_> {
-    /// Whether the path is another than the one that was laid, for the shank's sake.
-    pub fn is_changed(&self) -> bool {
-        !self.dropped.is_empty() || self.path.passes.iter().any(|pass| pass.put_off || pass.from_above)
+    /// Whether the path is another than one with so many passes that were put off or are entered from above, for the shank's sake.
+    pub fn is_changed(&self, set_apart: usize) -> bool {
+        !self.dropped.is_empty() || self::set_apart(&self.path) != set_apart
     }
 
     /// The move that ends at waypoint i, with the axes at its ends.
@@ -78,6 +78,11 @@ impl ReachedPath<'_> {
     pub fn put_off(&self) -> usize {
         self.path.passes.iter().filter(|pass| pass.put_off).map(|pass| pass.points.len()).sum()
     }
+}
+
+/// Number of passes that were put off or are entered from above.
+pub fn set_apart(path: &MillPath) -> usize {
+    path.passes.iter().filter(|pass| pass.put_off || pass.from_above).count()
 }
 
 /// What access depends on.
