@@ -50,7 +50,7 @@ fn a_truncated_image_says_how_much_there_is_and_how_much_was_expected() {
 fn a_corrupt_image_is_refused_whatever_is_wrong_with_it() {
     for (key, name) in [("images.ct", "ct.nii"), ("images.labels", "labels.nii")] {
         let damage: [(&str, fn(&mut Vec<u8>), &str); 11] = [
-            ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI-1"),
+            ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI:"),
             (
                 "NRRD",
                 |b| *b = b"NRRD0004\ntype: short\ndimension: 3\n\n".to_vec(),

@@ -1,0 +1,168 @@
+//! A walk over the lengths that a file's elements announce, before `dicom-object` allocates them.
+//!
+//! Sequences are entered. The walk also tells where pixels stand that are not compressed, so that they are read straight from the
+//! file.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use dicom_object::Tag;
+
+use super::header::name_of;
+use super::problem::DicomProblem;
+
+const PIXEL_DATA: Tag = Tag(0x7fe0, 0x0010);
+const ITEM: Tag = Tag(0xfffe, 0xe000);
+const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
+const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
+/// Transfer syntaxes: implicit VR and explicit VR, little endian; explicit VR, big endian; deflated as a whole.
+const IMPLICIT: &str = "1.2.840.10008.1.2";
+const EXPLICIT: &str = "1.2.840.10008.1.2.1";
+const BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
+const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
+const UNDEFINED: u32 = u32::MAX;
+
+/// Pixels that stand in a file as they are, little endian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct PlainPixels {
+    /// Where the first byte stands in the file.
+    pub at: u64,
+    pub bytes: u64,
+}
+
+/// Refuses a file with an element that announces more bytes than the file has left; gives the place of its pixels where they are
+/// not compressed. A deflated data set cannot be checked.
+///
+/// # Errors
+/// [`DicomProblem::Length`], and [`DicomProblem::Unreadable`] when the system cannot read it.
+pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomProblem> {
+    let failed = |e: std::io::Error| DicomProblem::Unreadable { file: name_of(path), reason: e.to_string() };
+    let file = File::open(path).map_err(failed)?;
+    let total = file.metadata().map_err(failed)?.len();
+    let mut walk = Walk {
+        from: BufReader::with_capacity(1 << 12, file),
+        at: 132,
+        total,
+        syntax: String::new(),
+        ends: Vec::new(),
+        plain: Vec::new(),
+    };
+    walk.from.seek(SeekFrom::Start(walk.at)).map_err(failed)?;
+    match walk.elements() {
+        // of two no reader knows which counts
+        Ok(()) => Ok(walk.plain.pop().filter(|_| walk.plain.is_empty())),
+        Err(Fault::Io(e)) => Err(failed(e)),
+        Err(Fault::Length(Tag(group, element), length)) => {
+            let tag = format!("({group:04X},{element:04X})");
+            Err(DicomProblem::Length { file: name_of(path), tag, at: walk.at, length })
+        }
+    }
+}
+
+enum Fault {
+    Io(std::io::Error),
+    Length(Tag, u64),
+}
+
+impl From<std::io::Error> for Fault {
+    fn from(error: std::io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// A walk over the elements of a file, in order, into sequences as into anything else.
+struct Walk {
+    from: BufReader<File>,
+    at: u64,
+    total: u64,
+    syntax: String,
+    /// Ends of the sequences and items around, as they announce them.
+    ends: Vec<u64>,
+    /// Pixels of the file itself, not those of an icon in a sequence.
+    plain: Vec<PlainPixels>,
+}
+
+impl Walk {
+    fn elements(&mut self) -> Result<(), Fault> {
+        let mut in_fragments = false;
+        while self.at + 8 <= self.total {
+            while self.ends.last().is_some_and(|end| *end <= self.at) {
+                self.ends.pop();
+            }
+            let first: [u8; 2] = self.bytes()?;
+            let is_meta = first == [2, 0];
+            if !is_meta && self.syntax == DEFLATED {
+                return Ok(());
+            }
+            let big = !is_meta && self.syntax == BIG_ENDIAN;
+            let short = |b: [u8; 2]| if big { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) };
+            let long = |b: [u8; 4]| if big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) };
+            let tag = Tag(short(first), short(self.bytes()?));
+            let is_item = tag.0 == 0xfffe;
+            let is_explicit = !is_item && (is_meta || self.syntax != IMPLICIT);
+            let mut vr = [0; 2];
+            let length = if is_explicit {
+                vr = self.bytes()?;
+                match &vr {
+                    b"OB" | b"OD" | b"OF" | b"OL" | b"OV" | b"OW" | b"SQ" | b"SV" | b"UC" | b"UN" | b"UR"
+                    | b"UT" | b"UV" => {
+                        let _: [u8; 2] = self.bytes()?;
+                        long(self.bytes()?)
+                    }
+                    _ => u32::from(short(self.bytes()?)),
+                }
+            } else {
+                long(self.bytes()?)
+            };
+            if matches!(tag, ITEM_END | SEQUENCE_END) && self.ends.last() == Some(&u64::MAX) {
+                self.ends.pop();
+                in_fragments &= tag == ITEM_END;
+            }
+            if length == UNDEFINED {
+                in_fragments |= tag == PIXEL_DATA;
+                self.ends.push(u64::MAX);
+                continue;
+            }
+            if u64::from(length) > self.total - self.at.min(self.total) {
+                return Err(Fault::Length(tag, length.into()));
+            }
+            let is_sequence = vr == *b"SQ" || vr == [0; 2] && !is_item && self.begins_with_item(length)?;
+            if tag != PIXEL_DATA && (is_sequence || tag == ITEM && !in_fragments) {
+                self.ends.push(self.at + u64::from(length));
+                continue;
+            }
+            let is_plain = [IMPLICIT, EXPLICIT].contains(&self.syntax.as_str());
+            if tag == PIXEL_DATA && self.ends.is_empty() && is_plain {
+                self.plain.push(PlainPixels { at: self.at, bytes: length.into() });
+            }
+            if tag == Tag(0x0002, 0x0010) {
+                let mut text = vec![0; length as usize];
+                self.from.read_exact(&mut text)?;
+                self.syntax = String::from_utf8_lossy(&text).trim_end_matches(['\0', ' ']).to_owned();
+            } else {
+                self.from.seek_relative(i64::from(length))?;
+            }
+            self.at += u64::from(length);
+        }
+        Ok(())
+    }
+
+    /// Whether a value of implicit VR is a sequence.
+    fn begins_with_item(&mut self, length: u32) -> Result<bool, Fault> {
+        if length < 8 {
+            return Ok(false);
+        }
+        let mut first = [0; 4];
+        self.from.read_exact(&mut first)?;
+        self.from.seek_relative(-4)?;
+        Ok(first == [0xfe, 0xff, 0x00, 0xe0])
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
+        let mut bytes = [0; N];
+        self.from.read_exact(&mut bytes)?;
+        self.at += N as u64;
+        Ok(bytes)
+    }
+}
