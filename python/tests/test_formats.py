@@ -3,6 +3,7 @@
 The files are written by SimpleITK, pynrrd, pydicom and highdicom. What is not installed is skipped, visibly.
 """
 
+import gzip
 import hashlib
 import json
 import shutil
@@ -153,12 +154,26 @@ def assert_near(plan: Path, other: Path) -> None:
         assert np.allclose(rows[0], rows[1], rtol=1e-3, atol=1e-3, equal_nan=True), name
 
 
-@pytest.mark.parametrize("compressed", [None, "RLELossless", "ExplicitVRBigEndian"])
-def test_a_dicom_series_is_the_same_plan_and_its_patient_stays_in_it(
-    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, compressed: str | None
-) -> None:
-    pydicom = pytest.importorskip("pydicom")
-    (folder / "dicom").mkdir()
+# of the patient and the scan; pydicom's UIDs begin with the last but one, highdicom's with the last
+SECRETS = ["Doe^", "Jane", "PATIENT-7", "19701231", "20260102", "030405", "ACC-9", "Elsewhere", "Who^", "STUDY-3"]
+SECRETS += ["1.2.826.0.1", "2.25."]
+
+
+def assert_no_secret(*places: Path | str) -> None:
+    """No file, and no text that was printed, holds what only the headers may hold."""
+    texts = [(place[:40], place.encode()) for place in places if isinstance(place, str)]
+    for folder in (place for place in places if isinstance(place, Path)):
+        files = [p for p in folder.rglob("*") if p.is_file()] if folder.is_dir() else [folder]
+        assert files, folder
+        texts += [(str(p), gzip.decompress(p.read_bytes()) if p.suffix == ".gz" else p.read_bytes()) for p in files]
+    for name, text in texts:
+        found = [secret for secret in SECRETS if secret.encode() in text]
+        assert not found, f"{name}: {found}"
+
+
+def write_series(pydicom: Any, images: SimpleNamespace, folder: Path, compressed: str | None = None) -> None:
+    """One file a slice, in names of another order than the positions."""
+    folder.mkdir()
     for n, ds in enumerate(slices(pydicom, images)):
         if compressed == "RLELossless":
             ds.compress(pydicom.uid.RLELossless)
@@ -166,13 +181,18 @@ def test_a_dicom_series_is_the_same_plan_and_its_patient_stays_in_it(
             ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRBigEndian
             ds.PixelData = np.frombuffer(ds.PixelData, np.uint16).byteswap().tobytes()
             ds["PixelData"].VR = "OW"
-        ds.save_as(folder / "dicom" / f"IM{(7 * n) % 1009:04d}", enforce_file_format=True)
+        ds.save_as(folder / f"IM{(7 * n) % 1009:04d}", enforce_file_format=True)
+
+
+@pytest.mark.parametrize("compressed", [None, "RLELossless", "ExplicitVRBigEndian"])
+def test_a_dicom_series_is_the_same_plan_and_its_patient_stays_in_it(
+    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, compressed: str | None
+) -> None:
+    pydicom = pytest.importorskip("pydicom")
+    write_series(pydicom, images, folder / "dicom", compressed)
     plan = planned(command, folder, named(images, "dicom"))
     assert_near(plan, from_nifti)
-    secrets = ["Doe^", "Jane", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
-    for file in (p for p in plan.rglob("*") if p.is_file()):
-        found = [secret for secret in secrets if secret.encode() in file.read_bytes()]
-        assert not found, f"{file.name}: {found}"
+    assert_no_secret(plan)
     # no reader of the verification's own: it says so, with a digest that pydicom's voxels and places have, too
     assert digest_by_pydicom(pydicom, folder / "dicom") in " ".join(readers_shared_by_verify(command, plan))
 
@@ -223,12 +243,8 @@ def with_segments(images: SimpleNamespace, labels: str) -> str:
     return text.replace("[approach]", MORE, 1)
 
 
-def test_overlapping_segments_of_slicer_are_planned_and_verified(
-    images: SimpleNamespace, command: Path, folder: Path
-) -> None:
-    nrrd = pytest.importorskip("nrrd")
-    shutil.copy(images.folder / "ct.nii.gz", folder)
-    masks = segments(images, overlap=True)
+def write_slicer(nrrd: Any, images: SimpleNamespace, masks: dict[str, np.ndarray], path: Path) -> None:
+    """3D Slicer's segmentation with "Artery" on a layer of its own."""
     layers = np.zeros((2, *images.labels.shape), np.uint8)
     keys: dict[str, Any] = {}
     for n, (name, mask) in enumerate(masks.items()):
@@ -246,7 +262,16 @@ def test_overlapping_segments_of_slicer_are_planned_and_verified(
         "encoding": "gzip",
         **keys,
     }
-    nrrd.write(str(folder / "a.seg.nrrd"), layers, header, index_order="F")
+    nrrd.write(str(path), layers, header, index_order="F")
+
+
+def test_overlapping_segments_of_slicer_are_planned_and_verified(
+    images: SimpleNamespace, command: Path, folder: Path
+) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    masks = segments(images, overlap=True)
+    write_slicer(nrrd, images, masks, folder / "a.seg.nrrd")
     plan = planned(command, folder, with_segments(images, "a.seg.nrrd"))
     assert "share" in (plan / "plan.toml").read_text()
     verified = run(command, "verify", plan)
@@ -258,18 +283,11 @@ def test_overlapping_segments_of_slicer_are_planned_and_verified(
     assert refused.returncode == 2 and 'did you mean "Artery"' in refused.stderr, refused.stderr
 
 
-def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
-    images: SimpleNamespace, command: Path, folder: Path
-) -> None:
-    pydicom = pytest.importorskip("pydicom")
-    hd = pytest.importorskip("highdicom")
+def write_seg(hd: Any, images: SimpleNamespace, masks: dict[str, np.ndarray], path: Path) -> None:
+    """DICOM SEG of the CT's slices, which gives it the same patient."""
+    import pydicom
     from pydicom.sr.codedict import codes
 
-    shutil.copy(images.folder / "ct.nii.gz", folder)
-    masks = segments(images, overlap=True)
-    (folder / "masks").mkdir()
-    for name, mask in masks.items():
-        nib.save(nib.Nifti1Image(mask.astype(np.uint8), LPS @ images.labels_lps), folder / "masks" / f"{name}.nii.gz")
     about = [
         hd.seg.SegmentDescription(
             segment_number=n + 1,
@@ -296,7 +314,23 @@ def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
         software_versions="c",
         device_serial_number="d",
     )
-    segmentation.save_as(folder / "seg.dcm")
+    segmentation.save_as(path)
+
+
+def write_masks(masks: dict[str, np.ndarray], affine: np.ndarray, folder: Path) -> None:
+    folder.mkdir()
+    for name, mask in masks.items():
+        nib.save(nib.Nifti1Image(mask.astype(np.uint8), affine), folder / f"{name}.nii.gz")
+
+
+def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
+    images: SimpleNamespace, command: Path, folder: Path
+) -> None:
+    hd = pytest.importorskip("highdicom")
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    masks = segments(images, overlap=True)
+    write_masks(masks, LPS @ images.labels_lps, folder / "masks")
+    write_seg(hd, images, masks, folder / "seg.dcm")
     plans = []
     for labels in ("masks", "seg.dcm"):
         own = folder / f"of-{labels}"
@@ -309,3 +343,79 @@ def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
         (said,) = readers_shared_by_verify(command, plans[-1])
         assert said.startswith("images.labels is "), said
     assert_near(*plans)
+
+
+def test_nothing_of_the_patient_is_printed_or_written(images: SimpleNamespace, command: Path, tmp_path: Path) -> None:
+    pydicom, hd = pytest.importorskip("pydicom"), pytest.importorskip("highdicom")
+    write_series(pydicom, images, tmp_path / "dicom")
+    write_seg(hd, images, segments(images, overlap=False), tmp_path / "seg.dcm")
+    for source in (*(tmp_path / "dicom").iterdir(), tmp_path / "seg.dcm"):
+        assert b"PATIENT-7" in source.read_bytes(), "the inputs have what must not get out"
+    said = []
+
+    def do(*words: str | Path) -> None:
+        for more in ([], ["--json"]):
+            done = run(command, *words, *more)
+            assert done.returncode == 0, done.stdout + done.stderr
+            said.append(done.stdout + done.stderr)
+
+    case, plan, scene = (tmp_path / name for name in ("case.toml", "plan", "scene"))
+    do("case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--force")
+    case.write_text(case.read_text() + '\n[accuracy]\nlevel = "coarse"\n')
+    do("plan", case, "--out", plan, "--pack")
+    shutil.rmtree(plan)
+    do("plan", case, "--out", plan)
+    do("verify", plan)
+    do("simulate", plan, "--step-mm", "0.5")
+    do("export", plan, "--format", "slicer", "--out", scene)
+    assert_no_secret(case, plan, scene, *said)
+    # a refusal, too
+    (tmp_path / "dicom" / "IM0000").unlink()
+    refused = run(command, "plan", case, "--out", tmp_path / "no")
+    assert refused.returncode == 2, refused.stdout
+    assert_no_secret(refused.stdout, refused.stderr)
+
+
+def cased(command: Path, folder: Path, ct: str, *labels: str) -> dict[str, Any]:
+    """The case that `bonemill case` makes of images in `folder`."""
+    out = folder / "made.toml"
+    done = run(command, "case", folder / ct, *(folder / name for name in labels), "--out", out)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "target" in done.stdout and "facial nerve" in done.stdout, done.stdout
+    return tomllib.loads(out.read_text())
+
+
+@pytest.mark.parametrize("kind", ["dicom", "masks", "nrrd", "nifti2"])
+def test_a_case_in_one_command_is_the_same_from_every_format(
+    images: SimpleNamespace, command: Path, folder: Path, kind: str
+) -> None:
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    of_nifti = cased(command, folder, "ct.nii.gz", "labels.nii.gz")
+    own = folder / f"of-{kind}"
+    own.mkdir()
+    masks = segments(images, overlap=False)
+    if kind == "dicom":
+        pydicom, hd = pytest.importorskip("pydicom"), pytest.importorskip("highdicom")
+        write_series(pydicom, images, own / "series")
+        write_seg(hd, images, masks, own / "seg.dcm")
+        made = cased(command, own, "series", "seg.dcm")
+    elif kind == "masks":
+        shutil.copy(images.folder / "ct.nii.gz", own)
+        write_masks(masks, LPS @ images.labels_lps, own / "masks")
+        made = cased(command, own, "ct.nii.gz", "masks")
+    elif kind == "nifti2":
+        for name in ("ct.nii.gz", "labels.nii.gz"):
+            nib.save(nib.Nifti2Image.from_image(nib.load(images.folder / name)), own / name)
+        shutil.copy(images.folder / "labels.json", own)
+        made = cased(command, own, "ct.nii.gz", "labels.nii.gz")
+    else:
+        nrrd, sitk = pytest.importorskip("nrrd"), pytest.importorskip("SimpleITK")
+        sitk.WriteImage(sitk_image(sitk, images.ct, images.lps), str(own / "ct.nhdr"))
+        write_slicer(nrrd, images, masks, own / "a.seg.nrrd")
+        made = cased(command, own, "ct.nhdr", "a.seg.nrrd")
+    assert Path(made["images"]["ct"]).name == {"dicom": "series", "nrrd": "ct.nhdr"}.get(kind, "ct.nii.gz")
+    assert made["target"] == of_nifti["target"]
+    assert len(made["structure"]) == len(of_nifti["structure"]) > 0
+    assert made["structure"] == of_nifti["structure"]
+    differ = {key for key in made.keys() | of_nifti.keys() if made.get(key) != of_nifti.get(key)}
+    assert differ <= {"images"}, differ
