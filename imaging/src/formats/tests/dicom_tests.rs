@@ -207,6 +207,44 @@ fn numbers_of_12_to_16_bits_are_read_in_both_byte_orders() {
     }
 }
 
+/// Pixels are read straight from the file: the walk that finds them must not take an icon's.
+#[test]
+fn pixels_are_those_of_the_image_and_not_of_its_icon() {
+    let icon: Dataset = vec![
+        ((0x28, 0x10), Value::Short(2)),
+        ((0x28, 0x11), Value::Short(3)),
+        ((0x7fe0, 0x10), Value::Words(vec![777; 6])),
+    ];
+    for items in [Value::Items(vec![icon.clone()]), Value::OpenItems(vec![icon.clone(), icon.clone()])] {
+        for syntax in [LITTLE, BIG] {
+            // before the pixels by its tag, and after them in a private group
+            for tag in [(0x0088, 0x0200), (0x7fe1, 0x1010)] {
+                let named = plain()
+                    .into_iter()
+                    .enumerate()
+                    .map(|(n, s)| (format!("IM{n}"), bytes(&with(s, vec![(tag, items.clone())]), syntax)));
+                let dir = folder(&named.collect::<Vec<_>>());
+                let image = read_ct(dir.path(), AUTO).unwrap();
+                assert_eq!(image.volume.data(), expected(), "{tag:?} {syntax}");
+            }
+        }
+    }
+}
+
+/// Scaling by whole numbers is exact in single precision; by others it is rounded once.
+#[test]
+fn grey_values_are_those_of_double_precision() {
+    for (slope, intercept) in
+        [(1.0, -1024.0), (1.0, 0.5), (0.3, -1000.1), (-2.0, 8_388_607.0), (1.0, 8_388_609.0)]
+    {
+        let rescale = vec![((0x28, 0x1052), numbers(&[intercept])), ((0x28, 0x1053), numbers(&[slope]))];
+        let image = read_files(&plain().into_iter().map(|s| with(s, rescale.clone())).collect::<Vec<_>>());
+        let scaled: Vec<f32> =
+            expected().iter().map(|n| (slope * f64::from(*n) + intercept) as f32).collect();
+        assert_eq!(image.unwrap().volume.data(), scaled, "{slope} {intercept}");
+    }
+}
+
 /// One file with three frames in any order, places and scaling in functional groups.
 fn enhanced(order: [u8; 3]) -> Dataset {
     let plane = |n: u8| numbers(&[10.0, -20.0, 2.0 * f64::from(n)]);
