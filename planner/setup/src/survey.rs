@@ -72,18 +72,20 @@ impl Survey {
     /// # Errors
     /// [`SurveyError`] for an image that cannot be read or trusted, and a mask that is none.
     pub fn read(
-        ct: &Path,
+        ct_path: &Path,
         series: Option<&str>,
         labels: &Path,
         masks: &[(PathBuf, PathBuf)],
     ) -> Result<Self, SurveyError> {
         let PlainImages { ct, mut map, names, .. } = read_plain(
-            (ct, AffineChoice::Auto, series),
+            (ct_path, AffineChoice::Auto, series),
             (labels, AffineChoice::Auto, &label_names_path(labels)),
         )?;
         let names = names.map(|(names, _)| names);
+        let of_ct = ct.warnings.iter().map(|warning| (ct_path, warning));
+        let of_map = map.image.warnings.iter().map(|warning| (labels, warning));
         let mut warnings: Vec<String> =
-            ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
+            of_ct.chain(of_map).map(|(path, warning)| format!("{}: {warning}", path.display())).collect();
         let mut added = Vec::new();
         for (path, named) in masks {
             let mask = read_labels(path, AffineChoice::Auto)?;
