@@ -30,11 +30,13 @@ type Wanted = (Option<String>, Vec<String>, Vec<String>, String, Option<[f64; 3]
 #[pyfunction]
 pub fn draft_case(
     py: Python<'_>,
-    (ct, labels): (PathBuf, PathBuf),
-    (named_ct, named_labels): (PathBuf, PathBuf),
-    (target, structures, ignored, robot, approach): Wanted,
+    images: (PathBuf, PathBuf),
+    named: (PathBuf, PathBuf),
+    wanted: Wanted,
     file: PathBuf,
 ) -> PyResult<(String, Vec<String>)> {
+    let ((ct, labels), (named_ct, named_labels)) = (images, named);
+    let (target, structures, ignored, robot, approach) = wanted;
     let read = move |_: &dyn bonemill_planner::Progress| Survey::read(&ct, None, &labels, &[]);
     let survey = apart::run(py, None, None, read)?.map_err(|e| match &e {
         SurveyError::Image(image) => errors::image(image),

@@ -240,28 +240,29 @@ def test_nothing_of_the_patient_is_printed_or_written(images: SimpleNamespace, c
     write_seg(hd, images, segments(images, overlap=False), tmp_path / "seg.dcm")
     for source in (*(tmp_path / "dicom").iterdir(), tmp_path / "seg.dcm"):
         assert b"PATIENT-7" in source.read_bytes(), "the inputs have what must not get out"
+    case, packed, plan, scene = (tmp_path / name for name in ("case.toml", "packed", "plan", "scene"))
     said = []
-
-    def do(*words: str | Path) -> None:
-        for more in ([], ["--json"]):
-            done = run(command, *words, *more)
-            assert done.returncode == 0, done.stdout + done.stderr
-            said.append(done.stdout + done.stderr)
-
-    case, plan, scene = (tmp_path / name for name in ("case.toml", "plan", "scene"))
-    do("case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--force")
-    case.write_text(case.read_text() + '\n[accuracy]\nlevel = "coarse"\n')
-    do("plan", case, "--out", plan, "--pack")
-    shutil.rmtree(plan)
-    do("plan", case, "--out", plan)
-    do("verify", plan)
-    do("simulate", plan, "--step-mm", "0.5")
-    do("export", plan, "--format", "slicer", "--out", scene)
-    assert_no_secret(case, plan, scene, *said)
+    for words in (
+        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--json"],
+        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--force"],
+        ["plan", case, "--out", packed, "--pack", "--json"],
+        ["plan", case, "--out", plan],
+        ["verify", plan, "--json"],
+        ["verify", plan, "--all"],
+        ["simulate", plan, "--json"],
+        ["export", plan, "--format", "slicer", "--out", scene],
+    ):
+        done = run(command, *words)
+        assert done.returncode == 0, done.stdout + done.stderr
+        said += [done.stdout, done.stderr]
+    # the packed inputs are the files that were named, and have their headers
+    for kept in (p for p in packed.rglob("*") if p.is_file() and p.read_bytes()[128:132] == b"DICM"):
+        kept.unlink()
+    assert_no_secret(case, packed, plan, scene, *said)
     # a refusal, too
-    (tmp_path / "dicom" / "IM0000").unlink()
+    (tmp_path / "dicom" / "IM0350").unlink()
     refused = run(command, "plan", case, "--out", tmp_path / "no")
-    assert refused.returncode == 2, refused.stdout
+    assert refused.returncode == 2 and "missing" in refused.stderr, refused.stdout + refused.stderr
     assert_no_secret(refused.stdout, refused.stderr)
 
 
