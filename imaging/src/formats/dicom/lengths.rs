@@ -13,6 +13,8 @@ use super::header::name_of;
 use super::problem::DicomProblem;
 
 const PIXEL_DATA: Tag = Tag(0x7fe0, 0x0010);
+const META_LENGTH: Tag = Tag(0x0002, 0x0000);
+const SYNTAX: Tag = Tag(0x0002, 0x0010);
 const ITEM: Tag = Tag(0xfffe, 0xe000);
 const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
@@ -22,6 +24,11 @@ const EXPLICIT: &str = "1.2.840.10008.1.2.1";
 const BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 const UNDEFINED: u32 = u32::MAX;
+/// Types whose lengths have two bytes. Every other has four, as `dicom-object` reads one that does not exist, too.
+const SHORT: [&[u8; 2]; 21] = [
+    b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN", b"SH", b"SL",
+    b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
+];
 
 /// Pixels that stand in a file as they are, little endian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +52,7 @@ pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomPro
         at: 132,
         total,
         syntax: String::new(),
+        meta_end: u64::MAX,
         ends: Vec::new(),
         plain: Vec::new(),
     };
@@ -77,6 +85,8 @@ struct Walk {
     at: u64,
     total: u64,
     syntax: String,
+    /// Where the file's meta information ends, as its first element says.
+    meta_end: u64,
     /// Ends of the sequences and items around, as they announce them.
     ends: Vec<u64>,
     /// Pixels of the file itself, not those of an icon in a sequence.
@@ -90,8 +100,9 @@ impl Walk {
             while self.ends.last().is_some_and(|end| *end <= self.at) {
                 self.ends.pop();
             }
+            let before = self.at;
             let first: [u8; 2] = self.bytes()?;
-            let is_meta = first == [2, 0];
+            let is_meta = before < self.meta_end;
             if !is_meta && self.syntax == DEFLATED {
                 return Ok(());
             }
@@ -104,13 +115,11 @@ impl Walk {
             let mut vr = [0; 2];
             let length = if is_explicit {
                 vr = self.bytes()?;
-                match &vr {
-                    b"OB" | b"OD" | b"OF" | b"OL" | b"OV" | b"OW" | b"SQ" | b"SV" | b"UC" | b"UN" | b"UR"
-                    | b"UT" | b"UV" => {
-                        let _: [u8; 2] = self.bytes()?;
-                        long(self.bytes()?)
-                    }
-                    _ => u32::from(short(self.bytes()?)),
+                if SHORT.contains(&&vr) {
+                    u32::from(short(self.bytes()?))
+                } else {
+                    let _: [u8; 2] = self.bytes()?;
+                    long(self.bytes()?)
                 }
             } else {
                 long(self.bytes()?)
@@ -136,12 +145,18 @@ impl Walk {
             if tag == PIXEL_DATA && self.ends.is_empty() && is_plain {
                 self.plain.push(PlainPixels { at: self.at, bytes: length.into() });
             }
-            if tag == Tag(0x0002, 0x0010) {
-                let mut text = vec![0; length as usize];
-                self.from.read_exact(&mut text)?;
-                self.syntax = String::from_utf8_lossy(&text).trim_end_matches(['\0', ' ']).to_owned();
-            } else {
-                self.from.seek_relative(i64::from(length))?;
+            match tag {
+                SYNTAX if is_meta => {
+                    let mut text = vec![0; length as usize];
+                    self.from.read_exact(&mut text)?;
+                    self.syntax = String::from_utf8_lossy(&text).trim_end_matches(['\0', ' ']).to_owned();
+                }
+                META_LENGTH if is_meta && length == 4 => {
+                    let mut bytes = [0; 4];
+                    self.from.read_exact(&mut bytes)?;
+                    self.meta_end = self.at + 4 + u64::from(u32::from_le_bytes(bytes));
+                }
+                _ => self.from.seek_relative(i64::from(length))?,
             }
             self.at += u64::from(length);
         }

@@ -320,6 +320,18 @@ fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
     let dir = folder(&[("a".into(), file)]);
     let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
     assert!(said.contains("(0008,1150)"), "{said}");
+    // of a type that does not exist, which has four bytes of length: the first of its text are taken for one
+    let mut file = bytes(&plain()[0], LITTLE);
+    let at = file.windows(6).position(|w| w == *b"\x02\0\x10\0UI").unwrap() + 5;
+    file[at] = b'E';
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("(0002,0010)") && said.contains("announces 775040561 bytes"), "{said}");
+    // elements of the meta information behind its end, which are read as any other
+    let mut file = bytes(&plain()[0], "1.2.840.10008.1.2");
+    file[140..144].copy_from_slice(&60u32.to_le_bytes());
+    let dir = folder(&[("a".into(), file)]);
+    assert!(read_ct(dir.path(), AUTO).unwrap_err().to_string().contains("announces"), "cut meta information");
     // large sizes with few bytes
     let size = vec![((0x28, 0x10), Value::Short(65535)), ((0x28, 0x11), Value::Short(65535))];
     let large = with(plain()[0].clone(), size);
