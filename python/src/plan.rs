@@ -179,9 +179,10 @@ impl Plan {
 
     /// Writes the plan's folder, whole or not at all; returns its absolute path.
     ///
-    /// `pack`: copies all inputs into the plan; `own`: copies those that lie in the case's folder; `slices`: whether the report holds
-    /// slices of the CT.
-    fn save(&self, py: Python<'_>, out: PathBuf, pack: bool, own: bool, slices: bool) -> PyResult<PathBuf> {
+    /// `kept`: whether all inputs are copied into the plan, and whether those that lie in the case's folder are; `slices`: whether the
+    /// report holds slices of the CT.
+    fn save(&self, py: Python<'_>, out: PathBuf, kept: (bool, bool), slices: bool) -> PyResult<PathBuf> {
+        let (pack, own) = kept;
         let ct_slices = if slices { CtSlices::Shown } else { CtSlices::LeftOut };
         py.detach(|| self.write(&out, pack, own, ct_slices)).map_err(|e| errors::file(&e))
     }

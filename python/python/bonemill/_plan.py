@@ -123,7 +123,7 @@ class Plan:
             PlanFileError: the folder cannot be written, or holds something else; an input to be copied is missing.
         """
         in_memory = self._case is not None and self._case._folder is not None
-        return self._made.save(Path(path), pack or self._pack, in_memory, slices)
+        return self._made.save(Path(path), (pack or self._pack, in_memory), slices)
 
     def to_slicer(self, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
         """Writes the plan as files for 3D Slicer; opening ``plan.mrml`` there shows them beside the case's CT.

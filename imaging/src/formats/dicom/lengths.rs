@@ -53,7 +53,7 @@ pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomPro
         total,
         syntax: String::new(),
         meta_end: u64::MAX,
-        ends: Vec::new(),
+        around: Vec::new(),
         plain: Vec::new(),
     };
     walk.from.seek(SeekFrom::Start(walk.at)).map_err(failed)?;
@@ -61,6 +61,10 @@ pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomPro
         // of two no reader knows which counts
         Ok(()) => Ok(walk.plain.pop().filter(|_| walk.plain.is_empty())),
         Err(Fault::Io(e)) => Err(failed(e)),
+        Err(Fault::Item) => {
+            let reason = format!("a sequence is broken before byte {}", walk.at);
+            Err(DicomProblem::Unreadable { file: name_of(path), reason })
+        }
         Err(Fault::Length(Tag(group, element), length)) => {
             let tag = format!("({group:04X},{element:04X})");
             Err(DicomProblem::Length { file: name_of(path), tag, at: walk.at, length })
@@ -71,6 +75,17 @@ pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomPro
 enum Fault {
     Io(std::io::Error),
     Length(Tag, u64),
+    /// An item outside of a sequence, or something else in one: readers differ in what follows.
+    Item,
+}
+
+/// A sequence or an item.
+struct Around {
+    /// Where it ends; `u64::MAX`: at its delimiter.
+    end: u64,
+    is_sequence: bool,
+    /// A sequence of compressed pixels: what its items hold are no elements.
+    is_fragments: bool,
 }
 
 impl From<std::io::Error> for Fault {
@@ -87,18 +102,17 @@ struct Walk {
     syntax: String,
     /// Where the file's meta information ends, as its first element says.
     meta_end: u64,
-    /// Ends of the sequences and items around, as they announce them.
-    ends: Vec<u64>,
+    /// The sequences and items around, the innermost last.
+    around: Vec<Around>,
     /// Pixels of the file itself, not those of an icon in a sequence.
     plain: Vec<PlainPixels>,
 }
 
 impl Walk {
     fn elements(&mut self) -> Result<(), Fault> {
-        let mut in_fragments = false;
         while self.at + 8 <= self.total {
-            while self.ends.last().is_some_and(|end| *end <= self.at) {
-                self.ends.pop();
+            while self.around.last().is_some_and(|around| around.end <= self.at) {
+                self.around.pop();
             }
             let before = self.at;
             let first: [u8; 2] = self.bytes()?;
@@ -124,13 +138,22 @@ impl Walk {
             } else {
                 long(self.bytes()?)
             };
-            if matches!(tag, ITEM_END | SEQUENCE_END) && self.ends.last() == Some(&u64::MAX) {
-                self.ends.pop();
-                in_fragments &= tag == ITEM_END;
+            let innermost = self.around.last();
+            let (in_sequence, is_open) =
+                innermost.map_or((false, false), |around| (around.is_sequence, around.end == u64::MAX));
+            if is_open && tag == (if in_sequence { SEQUENCE_END } else { ITEM_END }) {
+                self.around.pop();
+            } else if tag == ITEM && !in_sequence || !is_item && in_sequence {
+                return Err(Fault::Item);
             }
+            let in_fragments = self.around.last().is_some_and(|around| around.is_fragments);
+            let around = |end| Around {
+                end,
+                is_sequence: tag != ITEM,
+                is_fragments: tag == PIXEL_DATA && length == UNDEFINED,
+            };
             if length == UNDEFINED {
-                in_fragments |= tag == PIXEL_DATA;
-                self.ends.push(u64::MAX);
+                self.around.push(around(u64::MAX));
                 continue;
             }
             if u64::from(length) > self.total - self.at.min(self.total) {
@@ -138,11 +161,11 @@ impl Walk {
             }
             let is_sequence = vr == *b"SQ" || vr == [0; 2] && !is_item && self.begins_with_item(length)?;
             if tag != PIXEL_DATA && (is_sequence || tag == ITEM && !in_fragments) {
-                self.ends.push(self.at + u64::from(length));
+                self.around.push(around(self.at + u64::from(length)));
                 continue;
             }
             let is_plain = [IMPLICIT, EXPLICIT].contains(&self.syntax.as_str());
-            if tag == PIXEL_DATA && self.ends.is_empty() && is_plain {
+            if tag == PIXEL_DATA && self.around.is_empty() && is_plain {
                 self.plain.push(PlainPixels { at: self.at, bytes: length.into() });
             }
             match tag {

@@ -34,7 +34,11 @@ pub enum NiftiProblem {
         sizeof_hdr: i32,
     },
     /// The magic is wrong.
-    #[error("is not NIfTI: magic \"{}\", expected \"{}\"", found.escape_ascii(), expected.escape_ascii())]
+    #[error(
+        "is not NIfTI: magic {:?}, expected {:?}",
+        String::from_utf8_lossy(found),
+        String::from_utf8_lossy(expected)
+    )]
     Magic {
         /// The bytes there.
         found: Vec<u8>,

@@ -332,6 +332,19 @@ fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
     file[140..144].copy_from_slice(&60u32.to_le_bytes());
     let dir = folder(&[("a".into(), file)]);
     assert!(read_ct(dir.path(), AUTO).unwrap_err().to_string().contains("announces"), "cut meta information");
+    // an item in an item, which some take for an element: what follows would be read from other bytes
+    let item =
+        |inner: &[u8]| [&[0xfe, 0xff, 0x00, 0xe0][..], &(inner.len() as u32).to_le_bytes(), inner].concat();
+    let twice = item(&item(b"\x20\0\x32\0DS\x06\x001\\2\\4 "));
+    let (mut file, tail) = (bytes(&vec![], LITTLE), bytes(&plain()[0], LITTLE));
+    let meta = file.len();
+    file.extend(b"\x08\0\x05\0SQ\0\0");
+    file.extend((twice.len() as u32).to_le_bytes());
+    file.extend(twice);
+    file.extend(&tail[meta..]);
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("a sequence is broken before byte"), "{said}");
     // large sizes with few bytes
     let size = vec![((0x28, 0x10), Value::Short(65535)), ((0x28, 0x11), Value::Short(65535))];
     let large = with(plain()[0].clone(), size);
