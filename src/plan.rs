@@ -38,7 +38,7 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     // a phantom's files are in the plan anyway
     let pack = args.pack && args.phantom.is_none();
     let ct_slices = if args.no_slices { CtSlices::LeftOut } else { CtSlices::Shown };
-    let record = planning::plan_into(&case, &case_path, pack, ct_slices, &staged, progress)?;
+    let record = planning::plan_into(&case, &case_path, (pack, ct_slices), &staged, progress)?;
     let out = staged.commit()?;
     Ok(Outcome::planned(&out, &record))
 }

@@ -13,8 +13,7 @@ use bonemill_planner::save;
 pub fn plan_into(
     case: &Case,
     case_path: &Path,
-    pack: bool,
-    ct_slices: CtSlices,
+    (pack, ct_slices): (bool, CtSlices),
     staged: &StagedDirectory,
     progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
