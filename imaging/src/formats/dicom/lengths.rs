@@ -65,10 +65,25 @@ pub(super) fn check_lengths(path: &Path) -> Result<Option<PlainPixels>, DicomPro
             let reason = format!("a sequence is broken before byte {}", walk.at);
             Err(DicomProblem::Unreadable { file: name_of(path), reason })
         }
+        Err(Fault::Part(Tag(group, element), length)) => {
+            let reason =
+                format!("element ({group:04X},{element:04X}) has {length} bytes, no whole number of values");
+            Err(DicomProblem::Unreadable { file: name_of(path), reason })
+        }
         Err(Fault::Length(Tag(group, element), length)) => {
             let tag = format!("({group:04X},{element:04X})");
             Err(DicomProblem::Length { file: name_of(path), tag, at: walk.at, length })
         }
+    }
+}
+
+/// Bytes of one value of a type that is a number; 1 for text and for types that are not known.
+fn value_bytes(vr: [u8; 2]) -> u32 {
+    match &vr {
+        b"US" | b"SS" | b"OW" => 2,
+        b"UL" | b"SL" | b"FL" | b"AT" | b"OL" | b"OF" => 4,
+        b"FD" | b"OD" | b"OV" | b"SV" | b"UV" => 8,
+        _ => 1,
     }
 }
 
@@ -77,6 +92,8 @@ enum Fault {
     Length(Tag, u64),
     /// An item outside of a sequence, or something else in one: readers differ in what follows.
     Item,
+    /// Bytes that make no whole number of values, of which readers leave some for what follows.
+    Part(Tag, u32),
 }
 
 /// A sequence or an item.
@@ -158,6 +175,9 @@ impl Walk {
             }
             if u64::from(length) > self.total - self.at.min(self.total) {
                 return Err(Fault::Length(tag, length.into()));
+            }
+            if tag != PIXEL_DATA && !length.is_multiple_of(value_bytes(vr)) {
+                return Err(Fault::Part(tag, length));
             }
             let is_sequence = vr == *b"SQ" || vr == [0; 2] && !is_item && self.begins_with_item(length)?;
             if tag != PIXEL_DATA && (is_sequence || tag == ITEM && !in_fragments) {

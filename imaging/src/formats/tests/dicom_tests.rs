@@ -345,6 +345,13 @@ fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
     let dir = folder(&[("a".into(), file)]);
     let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
     assert!(said.contains("a sequence is broken before byte"), "{said}");
+    // half a number, of which some leave a byte for what follows
+    let mut file = bytes(&plain()[0], LITTLE);
+    let at = file.windows(6).position(|w| w == *b"\x28\0\0\x01US").unwrap() + 6;
+    file[at] = 3;
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("(0028,0100) has 3 bytes, no whole number of values"), "{said}");
     // large sizes with few bytes
     let size = vec![((0x28, 0x10), Value::Short(65535)), ((0x28, 0x11), Value::Short(65535))];
     let large = with(plain()[0].clone(), size);
