@@ -42,7 +42,11 @@ pub fn markups(data: &[u8]) {
     match read_base_from_ct(&path) {
         Ok(base_from_ct) => {
             assert!(
-                base_from_ct.translation_mm.iter().chain(base_from_ct.rotation.matrix().iter()).all(|v| v.is_finite())
+                base_from_ct
+                    .translation_mm
+                    .iter()
+                    .chain(base_from_ct.rotation.matrix().iter())
+                    .all(|v| v.is_finite())
             );
         }
         Err(error) => drop(error.to_string()),
