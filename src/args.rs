@@ -187,6 +187,9 @@ pub struct PlanArgs {
     /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent
     #[arg(long)]
     pub pack: bool,
+    /// Leave slices of the CT out of report.html, so that the page can go where the scan may not
+    #[arg(long)]
+    pub no_slices: bool,
 }
 
 #[derive(Debug, clap::Args)]

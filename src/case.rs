@@ -6,8 +6,8 @@ use anyhow::Context;
 use bonemill_imaging::slicer::{read_base_from_ct, read_markups};
 use bonemill_planner::Progress;
 use bonemill_planner::case::draft::{
-    self, Choice, Draft, Drafted, FoundLabel, ImagePaths, KnownPlace, Role, SideFound, TargetChoice,
-    TargetWish, Wishes,
+    self, Choice, Drafted, FoundLabel, ImagePaths, KnownPlace, Role, SideFound, TargetChoice, TargetWish,
+    Wishes,
 };
 use bonemill_planner::case::{Case, Target};
 use bonemill_planner::plan::{relative_path, replace};
@@ -36,25 +36,8 @@ pub fn run(args: &CaseArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
         // what there is to choose from
         progress.note(table(&survey.labels, None).trim_end());
     })?;
-    let side = draft::side(&survey.labels, &choice, survey.bone_x_mm);
-    let beside = match choice.target {
-        TargetChoice::Label(target) => survey.labels.get(target).map(|label| survey.beside(label.number)),
-        TargetChoice::Shape(_) => None,
-    };
-    let drafted = draft::draft(
-        &Draft {
-            images,
-            labels: &survey.labels,
-            choice: &choice,
-            beside_target: &beside.unwrap_or_default(),
-            diagonal_mm: survey.diagonal_mm,
-            side: &side,
-            approach,
-            robot: &args.robot,
-            place,
-        },
-        &out.path,
-    )?;
+    let known = (args.robot.as_str(), approach, place);
+    let (side, drafted) = survey.draft(images, &choice, known, &out.path)?;
     progress.stage("write case");
     replace(&out.folder, &out.name, drafted.text.as_bytes())?;
     let text = table(&survey.labels, Some(&choice)) + &summary(&out.path, &drafted, &side);

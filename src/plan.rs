@@ -11,6 +11,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::pipeline::place;
 use bonemill_planner::plan::{Replace, StagedDirectory};
+use bonemill_planner::report::CtSlices;
 use bonemill_planner::stages;
 
 use crate::args::PlanArgs;
@@ -36,7 +37,8 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     spare_inputs(&case, &case_path, &staged)?;
     // a phantom's files are in the plan anyway
     let pack = args.pack && args.phantom.is_none();
-    let record = planning::plan_into(&case, &case_path, pack, &staged, progress)?;
+    let ct_slices = if args.no_slices { CtSlices::LeftOut } else { CtSlices::Shown };
+    let record = planning::plan_into(&case, &case_path, (pack, ct_slices), &staged, progress)?;
     let out = staged.commit()?;
     Ok(Outcome::planned(&out, &record))
 }

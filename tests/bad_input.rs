@@ -36,7 +36,7 @@ fn a_truncated_image_says_how_much_there_is_and_how_much_was_expected() {
         let sizes = [format!("need {whole} bytes"), format!("the file's {} bytes", whole - 1)];
         place.refuses(&[&place.line_of(name), key, name, "truncated", &sizes[0], &sizes[1]]);
         let place = Place::healthy().with_bytes(name, |b| b.truncate(100));
-        place.refuses(&[key, name, "ends after 100 bytes; expected a NIfTI-1 header of 348 bytes"]);
+        place.refuses(&[key, name, "ends after 100 bytes; expected a NIfTI header of 348 bytes"]);
         // if it is compressed, only the end of the stream shows it
         let place =
             Place::healthy().with_bytes(name, |b| *b = gzip(b)).with_bytes(name, |b| b.truncate(b.len() / 2));
@@ -50,13 +50,13 @@ fn a_truncated_image_says_how_much_there_is_and_how_much_was_expected() {
 fn a_corrupt_image_is_refused_whatever_is_wrong_with_it() {
     for (key, name) in [("images.ct", "ct.nii"), ("images.labels", "labels.nii")] {
         let damage: [(&str, fn(&mut Vec<u8>), &str); 11] = [
-            ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI-1"),
+            ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI:"),
             (
                 "NRRD",
                 |b| *b = b"NRRD0004\ntype: short\ndimension: 3\n\n".to_vec(),
                 "the header has no field `sizes`",
             ),
-            ("empty", Vec::clear, "ends after 0 bytes; expected a NIfTI-1 header"),
+            ("empty", Vec::clear, "ends after 0 bytes; expected a NIfTI header"),
             ("magic", |b| put(b, 344, b"xyz\0"), "magic \"xyz\\0\", expected \"n+1\\0\""),
             (
                 "half of a pair",

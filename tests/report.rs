@@ -1,4 +1,4 @@
-//! The report lists the case's values and the origin of each.
+//! The report lists the case's values and the origin of each, and holds slices of the CT or none.
 
 use std::fs;
 
@@ -46,4 +46,55 @@ fn every_value_says_whether_the_case_gave_it_by_presence() {
         given.contains("\"burr.spin\"") && !given.contains("stepover") && !given.contains("approach"),
         "{given}"
     );
+}
+
+/// Without slices no picture is in the page, and only the page differs; a later command puts none in.
+#[track_caller]
+fn leaves_slices_out(place: &Place, arguments: &[&str]) {
+    let plan = |out: &str, more: &[&str]| {
+        let ran = place.run(&[&["plan", "--out", out], arguments, more].concat());
+        assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    };
+    plan("with", &[]);
+    plan("without", &["--no-slices"]);
+    for folder in ["with", "without"] {
+        for command in ["verify", "simulate"] {
+            assert_eq!(place.run(&[command, folder]).code, 0, "{command} {folder}");
+        }
+    }
+    let page = |folder: &str| fs::read_to_string(place.path(folder).join("report.html")).unwrap();
+    let [with, without] = ["with", "without"].map(page);
+    assert!(with.matches("<image ").count() >= 3 && with.matches("base64").count() >= 3);
+    assert!(
+        with.contains("grey values of the CT about the target")
+            && with.contains("<code>--no-slices</code> leaves them out")
+    );
+    assert!(
+        !without.contains("<image") && !without.contains("base64") && !without.contains("<img"),
+        "a picture"
+    );
+    assert!(without.contains("holds no grey values of the scan"));
+    // the drawn path is there all the same
+    assert_eq!(
+        with.matches("<figure class=\"slice\">").count(),
+        without.matches("<figure class=\"slice\">").count()
+    );
+    for entry in fs::read_dir(place.path("with")).unwrap() {
+        let name = entry.unwrap().file_name();
+        // the verdict and its page tell times and digests of the page
+        if ["csv", "urdf"].iter().any(|ending| name.to_string_lossy().ends_with(ending)) {
+            let [a, b] = ["with", "without"].map(|f| fs::read(place.path(f).join(&name)).unwrap());
+            assert!(a == b, "{name:?}");
+        }
+    }
+}
+
+#[test]
+fn a_report_without_slices_holds_no_grey_values() {
+    leaves_slices_out(&Place::healthy(), &["case.toml"]);
+}
+
+#[test]
+fn a_channels_report_without_slices_holds_no_grey_values() {
+    leaves_slices_out(&Place::empty(), &["--phantom", "tibia"]);
 }

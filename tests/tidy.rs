@@ -406,6 +406,24 @@ fn metres(source: &Source) -> Vec<String> {
     })
 }
 
+/// docs/formats.md names a test for every fact.
+#[test]
+fn every_test_that_formats_md_names_is_there() {
+    let sources = sources();
+    let table = sources.iter().find(|source| source.path == "docs/formats.md").unwrap();
+    let rows = table.text.lines().filter(|line| line.starts_with('|')).skip(2);
+    for row in rows {
+        let tests = row.trim_end_matches('|').rsplit('|').next().unwrap();
+        let named: Vec<&str> = tests.split('`').skip(1).step_by(2).collect();
+        assert!(!named.is_empty(), "no test: {row}");
+        for name in named {
+            let keyword = if name.starts_with("test_") { "def" } else { "fn" };
+            let begins = format!("{keyword} {name}(");
+            assert!(sources.iter().any(|source| source.text.contains(&begins)), "no such test: {name}");
+        }
+    }
+}
+
 /// All texts of the project, without built or generated files.
 fn sources() -> Vec<Source> {
     let mut found = Vec::new();

@@ -18,6 +18,7 @@ use bonemill_imaging::{AffineChoice, read_labels};
 use bonemill_planner::case::Case;
 use bonemill_planner::channel::{self, ChannelPlan};
 use bonemill_planner::plan::{Need, Replace, StagedDirectory, StoredPlan};
+use bonemill_planner::report::CtSlices;
 use bonemill_planner::verify::verify;
 use bonemill_planner::{PlanError, Progress, save};
 
@@ -145,7 +146,7 @@ fn measure(
 /// The largest lower end of the drawn probabilities, and the checks that passed, of all.
 fn verified(plan: &ChannelPlan, case_path: &Path, out: &Path) -> Result<(f64, [usize; 2]), ExperimentError> {
     let staged = StagedDirectory::create(out, Replace::Plan)?;
-    save::channel(plan, case_path, &staged)?;
+    save::channel(plan, case_path, &staged, CtSlices::Shown)?;
     let stored = StoredPlan::load_with(&staged.commit()?, None, Need::All)?;
     let found = verify(&stored, &())?.checks;
     let drawn = found.iter().filter(|check| check.name == "probability of touching");

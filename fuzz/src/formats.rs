@@ -1,8 +1,9 @@
-//! Targets and seeds of the image formats beside NIfTI: NRRD, MetaImage, DICOM.
+//! Targets and seeds of the image formats beside NIfTI (NRRD, MetaImage, DICOM), and of what 3D Slicer saves beside images.
 
 use std::path::Path;
 
 use bonemill_geometry::Point;
+use bonemill_imaging::slicer::{read_base_from_ct, read_markups};
 use bonemill_imaging::{AffineChoice, read_ct, read_label_map};
 
 use crate::file;
@@ -26,6 +27,30 @@ pub fn dicom(data: &[u8]) {
     std::fs::write(folder.join("a"), data).expect("room for an input");
     std::fs::write(folder.join("b"), slice(2)).expect("room for a slice");
     read(&folder);
+}
+
+/// Points, lines and curves, and rigid transforms: what is read is finite.
+pub fn markups(data: &[u8]) {
+    let path = file("points.mrk.json", data);
+    match read_markups(&path) {
+        Ok(markups) => {
+            assert!(!markups.points.is_empty());
+            assert!(markups.points.iter().all(|point| point.position.is_finite()));
+        }
+        Err(error) => drop(error.to_string()),
+    }
+    match read_base_from_ct(&path) {
+        Ok(base_from_ct) => {
+            assert!(
+                base_from_ct
+                    .translation_mm
+                    .iter()
+                    .chain(base_from_ct.rotation.matrix().iter())
+                    .all(|v| v.is_finite())
+            );
+        }
+        Err(error) => drop(error.to_string()),
+    }
 }
 
 fn read(path: &Path) {
@@ -70,8 +95,22 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
             join(&meta.replace("LOCAL", "LIST\nimage.mha"), &[]),
         ],
         "dicom" => vec![slice(0), frames(false), frames(true)],
+        "markups" => markup_files().map(|text| text.as_bytes().to_vec()).to_vec(),
         _ => vec![],
     }
+}
+
+/// A line, points of an earlier version, and a transform.
+fn markup_files() -> [&'static str; 3] {
+    [
+        r#"{"@schema": "markups-schema-v1.0.3.json#", "markups": [{"type": "Line", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+        "controlPoints": [{"id": "1", "label": "L-1", "position": [-60.5, 12.0, 3.25], "positionStatus": "defined"},
+        {"id": "2", "label": "L-2", "position": [-20.0, 10.0, 3e0]}]}]}"#,
+        "# Markups fiducial file version = 4.10\n# CoordinateSystem = 0\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc\n\
+         node_0,-30.5,20.25,-7,0,0,0,1,1,1,0,F-1,\nnode_1,1e1,2,3,0,0,0,1,1,1,0,F-2,\"on the rim, left\"\n",
+        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters: 0 1 0 -1 0 0 0 0 1 10 20 -30\n\
+         FixedParameters: 7 0 0\n",
+    ]
 }
 
 /// An element of explicit VR, little endian.

@@ -30,6 +30,7 @@ pub const TARGETS: &[Target] = &[
     ("nrrd", formats::nrrd),
     ("metaimage", formats::metaimage),
     ("dicom", formats::dicom),
+    ("markups", formats::markups),
     ("labels_json", labels_json),
     ("case_toml", case_toml),
     ("plan_toml", plan_toml),
@@ -273,7 +274,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
                   fx_n,fy_n,fz_n,peak_force_n,mean_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
     match target {
         "nifti" => images(),
-        "nrrd" | "metaimage" | "dicom" => formats::seeds(target),
+        "nrrd" | "metaimage" | "dicom" | "markups" => formats::seeds(target),
         "labels_json" => vec![
             b"{\"target\": 20, \"facial_nerve\": 10}".to_vec(),
             b"{\"10\": \"facial_nerve\", \"20\": \"target\"}".to_vec(),
@@ -356,7 +357,7 @@ fn origins_yaml() -> String {
     format!("kinematics:\n{links}  hash: calib_12345\n")
 }
 
-/// Small images: plain, gzip, oblique, labels.
+/// Small images: NIfTI-1 plain, gzip, labels; NIfTI-2 in both byte orders.
 fn images() -> Vec<Vec<u8>> {
     let grid = Grid::<Ct>::aligned([5, 4, 3], 0.5, Point::new(-1.0, 2.0, 3.0)).expect("a grid");
     let data = (0..grid.len()).map(|n| (n * 37 % 2000) as i16 - 1000).collect();
@@ -367,7 +368,37 @@ fn images() -> Vec<Vec<u8>> {
     write_ct_i16(path("ct.nii"), &ct).expect("a file");
     write_ct_i16(path("ct.nii.gz"), &ct).expect("a file");
     write_labels_u8(path("labels.nii"), &labels).expect("a file");
-    ["ct.nii", "ct.nii.gz", "labels.nii"].map(|name| std::fs::read(path(name)).expect("a file")).to_vec()
+    let mut files =
+        ["ct.nii", "ct.nii.gz", "labels.nii"].map(|name| std::fs::read(path(name)).expect("a file")).to_vec();
+    files.extend([nifti2(false), nifti2(true)]);
+    files
+}
+
+/// 2×3×2 voxels of 0.5 mm as NIfTI-2, with sform and qform.
+fn nifti2(big: bool) -> Vec<u8> {
+    let mut out = vec![0u8; 544];
+    let mut put = |at: usize, mut bytes: Vec<u8>| {
+        if big {
+            bytes.reverse();
+        }
+        out[at..at + bytes.len()].copy_from_slice(&bytes);
+    };
+    put(0, 540i32.to_le_bytes().to_vec());
+    put(12, 4i16.to_le_bytes().to_vec());
+    put(14, 16i16.to_le_bytes().to_vec());
+    [3i64, 2, 3, 2, 1, 1, 1, 1]
+        .iter()
+        .enumerate()
+        .for_each(|(n, d)| put(16 + 8 * n, d.to_le_bytes().to_vec()));
+    put(168, 544i64.to_le_bytes().to_vec());
+    let halves = [112, 120, 128, 400, 440, 480];
+    let ones = [104, 176];
+    halves.iter().for_each(|at| put(*at, 0.5f64.to_le_bytes().to_vec()));
+    ones.iter().for_each(|at| put(*at, 1f64.to_le_bytes().to_vec()));
+    [344, 348, 500].iter().for_each(|at| put(*at, if *at == 500 { 2i32 } else { 1 }.to_le_bytes().to_vec()));
+    out[4..12].copy_from_slice(b"n+2\0\r\n\x1a\n");
+    out.extend([1; 24]);
+    out
 }
 
 /// A valid `plan.toml`.

@@ -2,10 +2,13 @@
 
 use std::path::PathBuf;
 
+use bonemill_planner::case::draft::{ImagePaths, KnownPlace, TargetWish, Wishes, choose};
 use bonemill_planner::case::{Case as RustCase, with_values as rust_with_values};
+use bonemill_planner::survey::{Survey, SurveyError};
+use nalgebra::Vector3;
 use pyo3::prelude::*;
 
-use crate::errors;
+use crate::{apart, errors};
 
 /// A validated case and the path of its file.
 #[pyclass(frozen, module = "bonemill._native")]
@@ -18,6 +21,34 @@ pub struct Case {
 #[pyfunction]
 pub fn with_values(text: &str, file: PathBuf, values: Vec<(String, Option<String>)>) -> PyResult<String> {
     rust_with_values(text, &file, &values).map_err(|e| errors::case(&e))
+}
+
+/// Target, structures, labels left alone, arm and approach of a case to be made.
+type Wanted = (Option<String>, Vec<String>, Vec<String>, String, Option<[f64; 3]>);
+
+/// The text of a case of a CT and a label map, to lie in `file`, and what the user should know; `named`: as the case names the two.
+#[pyfunction]
+pub fn draft_case(
+    py: Python<'_>,
+    images: (PathBuf, PathBuf),
+    named: (PathBuf, PathBuf),
+    wanted: Wanted,
+    file: PathBuf,
+) -> PyResult<(String, Vec<String>)> {
+    let ((ct, labels), (named_ct, named_labels)) = (images, named);
+    let (target, structures, ignored, robot, approach) = wanted;
+    let read = move |_: &dyn bonemill_planner::Progress| Survey::read(&ct, None, &labels, &[]);
+    let survey = apart::run(py, None, None, read)?.map_err(|e| match &e {
+        SurveyError::Image(image) => errors::image(image),
+        _ => errors::CaseError::new_err(errors::words(&e)),
+    })?;
+    let wishes = Wishes { target: target.map(TargetWish::Label), structures, ignored };
+    let refused = |e| errors::CaseError::new_err(errors::words(&e));
+    let choice = choose(&survey.labels, &wishes).map_err(refused)?;
+    let images = ImagePaths { ct: named_ct, ct_series: None, labels: named_labels };
+    let known = (robot.as_str(), approach.map(Vector3::from), KnownPlace::Unknown);
+    let (_, drafted) = survey.draft(images, &choice, known, &file).map_err(refused)?;
+    Ok((drafted.text, [survey.warnings, drafted.notes].concat()))
 }
 
 #[pymethods]

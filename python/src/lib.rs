@@ -43,6 +43,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(cutter::drill_force, m)?)?;
     m.add_function(wrap_pyfunction!(cutter::reamer_force, m)?)?;
     m.add_function(wrap_pyfunction!(case::with_values, m)?)?;
+    m.add_function(wrap_pyfunction!(case::draft_case, m)?)?;
     m.add_function(wrap_pyfunction!(compare::compare, m)?)?;
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
     m.add_function(wrap_pyfunction!(prosthesis::prosthesis, m)?)?;

@@ -10,6 +10,7 @@ use bonemill_planner::plan::{
     self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Replace, StagedDirectory, StoredPlan,
     Waypoint,
 };
+use bonemill_planner::report::CtSlices;
 use bonemill_planner::{Plan as RustPlan, Setup};
 use bonemill_planner::{save, stages};
 use bonemill_robot::timelaw::TimeLaw;
@@ -178,9 +179,12 @@ impl Plan {
 
     /// Writes the plan's folder, whole or not at all; returns its absolute path.
     ///
-    /// `pack`: copies all inputs into the plan; `own`: copies those that lie in the case's folder.
-    fn save(&self, py: Python<'_>, out: PathBuf, pack: bool, own: bool) -> PyResult<PathBuf> {
-        py.detach(|| self.write(&out, pack, own)).map_err(|e| errors::file(&e))
+    /// `kept`: whether all inputs are copied into the plan, and whether those that lie in the case's folder are; `slices`: whether the
+    /// report holds slices of the CT.
+    fn save(&self, py: Python<'_>, out: PathBuf, kept: (bool, bool), slices: bool) -> PyResult<PathBuf> {
+        let (pack, own) = kept;
+        let ct_slices = if slices { CtSlices::Shown } else { CtSlices::LeftOut };
+        py.detach(|| self.write(&out, pack, own, ct_slices)).map_err(|e| errors::file(&e))
     }
 
     /// The inputs that were not found, with digests.
@@ -293,7 +297,13 @@ impl Plan {
 }
 
 impl Plan {
-    fn write(&self, out: &Path, pack: bool, own: bool) -> Result<PathBuf, PlanFileError> {
+    fn write(
+        &self,
+        out: &Path,
+        pack: bool,
+        own: bool,
+        ct_slices: CtSlices,
+    ) -> Result<PathBuf, PlanFileError> {
         let staged = StagedDirectory::create(out, Replace::Plan)?;
         let kept = self.kept_inputs(pack, own)?;
         let packed = (!kept.is_empty()).then(|| files::pack_inputs(&kept, &self.record.case_file, &staged));
@@ -301,10 +311,10 @@ impl Plan {
         let case_path = packed.as_deref().unwrap_or(&self.case_path);
         match &self.body {
             Body::Made(plan) => {
-                save::plan(plan, case_path, &staged)?;
+                save::plan(plan, case_path, &staged, ct_slices)?;
             }
             Body::Channel(plan) => {
-                save::channel(plan, case_path, &staged)?;
+                save::channel(plan, case_path, &staged, ct_slices)?;
             }
             Body::Read(plan) => {
                 files::copy_files(plan, &staged)?;

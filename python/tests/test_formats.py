@@ -3,6 +3,7 @@
 The files are written by SimpleITK, pynrrd, pydicom and highdicom. What is not installed is skipped, visibly.
 """
 
+import gzip
 import hashlib
 import json
 import shutil
@@ -18,6 +19,8 @@ import pytest
 import bonemill
 
 nib = pytest.importorskip("nibabel")
+
+from image_files import segments, sitk_image, write_masks, write_seg, write_series, write_slicer  # noqa: E402 (needs nibabel)
 
 LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -75,15 +78,6 @@ def assert_same(plan: Path, other: Path) -> None:
         assert (plan / name).read_bytes() == (other / name).read_bytes(), name
 
 
-def sitk_image(sitk: Any, array: np.ndarray, lps: np.ndarray) -> Any:
-    spacing = np.linalg.norm(lps[:3, :3], axis=0)
-    image = sitk.GetImageFromArray(np.ascontiguousarray(array.transpose(2, 1, 0)))
-    image.SetSpacing(spacing.tolist())
-    image.SetDirection((lps[:3, :3] / spacing).ravel().tolist())
-    image.SetOrigin(lps[:3, 3].tolist())
-    return image
-
-
 @pytest.mark.parametrize("name", ["ct.mha", "ct.mhd", "ct.nrrd", "ct.nhdr", "ct.hdr"])
 @pytest.mark.parametrize("compressed", [False, True])
 def test_what_simpleitk_writes_is_the_same_plan(
@@ -109,40 +103,25 @@ def test_what_pynrrd_writes_is_the_same_plan(
     assert_same(planned(command, folder, named(images, "ct.nrrd")), from_nifti)
 
 
-def slices(pydicom: Any, images: SimpleNamespace) -> list[Any]:
-    """The CT as CT Image Storage, with a patient in every header; numbers of slices say the opposite of their positions."""
-    from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
-
-    series, study, frame = generate_uid(), generate_uid(), generate_uid()
-    spacing = np.linalg.norm(images.lps[:3, :3], axis=0)
-    along = images.lps[:3, :3] / spacing
-    made = []
-    for k in range(images.ct.shape[2]):
-        ds = pydicom.Dataset()
-        ds.file_meta = pydicom.dataset.FileMetaDataset()
-        ds.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        ds.SOPClassUID, ds.SOPInstanceUID = CTImageStorage, generate_uid()
-        ds.file_meta.MediaStorageSOPClassUID = ds.SOPClassUID
-        ds.file_meta.MediaStorageSOPInstanceUID = ds.SOPInstanceUID
-        ds.SeriesInstanceUID, ds.StudyInstanceUID, ds.FrameOfReferenceUID = series, study, frame
-        ds.PatientName, ds.PatientID, ds.PatientBirthDate = "Doe^Jane", "PATIENT-7", "19701231"
-        ds.PatientSex, ds.StudyDate, ds.StudyTime, ds.AccessionNumber = "F", "20260102", "030405", "ACC-9"
-        ds.InstitutionName, ds.ReferringPhysicianName, ds.StudyID = "St. Elsewhere", "Who^Dr", "STUDY-3"
-        ds.Modality, ds.ImageType = "CT", ["ORIGINAL", "PRIMARY", "AXIAL"]
-        ds.SeriesNumber, ds.InstanceNumber = 1, images.ct.shape[2] - k
-        ds.SliceLocation = -float(k)
-        ds.ImagePositionPatient = [f"{v:.12g}" for v in images.lps[:3, 3] + k * images.lps[:3, 2]]
-        ds.ImageOrientationPatient = [f"{v:.12g}" for v in [*along[:, 0], *along[:, 1]]]
-        ds.PixelSpacing = [f"{spacing[1]:.12g}", f"{spacing[0]:.12g}"]
-        ds.SliceThickness = f"{spacing[2]:.12g}"
-        ds.Rows, ds.Columns = images.ct.shape[1], images.ct.shape[0]
-        ds.SamplesPerPixel, ds.PhotometricInterpretation = 1, "MONOCHROME2"
-        ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 16, 15, 0
-        ds.RescaleIntercept, ds.RescaleSlope = -2048 - k, 1
-        stored = images.ct[:, :, k].T.astype(np.int32) + 2048 + k
-        ds.PixelData = stored.astype(np.uint16).tobytes()
-        made.append(ds)
-    return made
+@pytest.mark.parametrize("name", ["ct.nii", "ct.nii.gz", "ct.hdr"])
+@pytest.mark.parametrize("endian", ["<", ">"])
+def test_what_nibabel_writes_as_nifti_2_is_the_same_plan(
+    images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, name: str, endian: str
+) -> None:
+    header = nib.Nifti2Header(endianness=endian)
+    header.set_data_dtype(np.dtype(np.int16).newbyteorder(endian))
+    header.set_xyzt_units("mm")
+    kind = nib.Nifti2Pair if name == "ct.hdr" else nib.Nifti2Image
+    image = kind(images.ct, LPS @ images.lps, header)
+    image.set_qform(LPS @ images.lps, code=1)
+    nib.save(image, folder / name)
+    plan = planned(command, folder, named(images, name))
+    assert_same(plan, from_nifti)
+    # verify has a reader of its own for a single file
+    verified = run(command, "verify", plan)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    shared = tomllib.loads((plan / "verification.toml").read_text()).get("shared_readers", [])
+    assert len(shared) == (name == "ct.hdr"), shared
 
 
 def assert_near(plan: Path, other: Path) -> None:
@@ -153,26 +132,31 @@ def assert_near(plan: Path, other: Path) -> None:
         assert np.allclose(rows[0], rows[1], rtol=1e-3, atol=1e-3, equal_nan=True), name
 
 
+# of the patient and the scan; UIDs of pydicom and highdicom begin with the last
+SECRETS = ["Doe^", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
+
+
+def assert_no_secret(*places: Path | str) -> None:
+    """No file, and no text that was printed, holds what only the headers may hold."""
+    texts = [(place[:40], place.encode()) for place in places if isinstance(place, str)]
+    for folder in (place for place in places if isinstance(place, Path)):
+        files = [p for p in folder.rglob("*") if p.is_file()] if folder.is_dir() else [folder]
+        assert files, folder
+        texts += [(str(p), gzip.decompress(p.read_bytes()) if p.suffix == ".gz" else p.read_bytes()) for p in files]
+    for name, text in texts:
+        found = [secret for secret in SECRETS if secret.encode() in text]
+        assert not found, f"{name}: {found}"
+
+
 @pytest.mark.parametrize("compressed", [None, "RLELossless", "ExplicitVRBigEndian"])
 def test_a_dicom_series_is_the_same_plan_and_its_patient_stays_in_it(
     images: SimpleNamespace, command: Path, folder: Path, from_nifti: Path, compressed: str | None
 ) -> None:
     pydicom = pytest.importorskip("pydicom")
-    (folder / "dicom").mkdir()
-    for n, ds in enumerate(slices(pydicom, images)):
-        if compressed == "RLELossless":
-            ds.compress(pydicom.uid.RLELossless)
-        elif compressed == "ExplicitVRBigEndian":
-            ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRBigEndian
-            ds.PixelData = np.frombuffer(ds.PixelData, np.uint16).byteswap().tobytes()
-            ds["PixelData"].VR = "OW"
-        ds.save_as(folder / "dicom" / f"IM{(7 * n) % 1009:04d}", enforce_file_format=True)
+    write_series(pydicom, images, folder / "dicom", compressed)
     plan = planned(command, folder, named(images, "dicom"))
     assert_near(plan, from_nifti)
-    secrets = ["Doe^", "Jane", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
-    for file in (p for p in plan.rglob("*") if p.is_file()):
-        found = [secret for secret in secrets if secret.encode() in file.read_bytes()]
-        assert not found, f"{file.name}: {found}"
+    assert_no_secret(plan)
     # no reader of the verification's own: it says so, with a digest that pydicom's voxels and places have, too
     assert digest_by_pydicom(pydicom, folder / "dicom") in " ".join(readers_shared_by_verify(command, plan))
 
@@ -200,19 +184,6 @@ def readers_shared_by_verify(command: Path, plan: Path) -> list[str]:
     return tomllib.loads((plan / "verification.toml").read_text())["shared_readers"]
 
 
-def segments(images: SimpleNamespace, overlap: bool) -> dict[str, np.ndarray]:
-    """A mask for each label of the block, and another structure that shares voxels with the nerve."""
-    names = json.loads((images.folder / "labels.json").read_text())
-    masks = {name: images.labels == number for name, number in names.items()}
-    masks = {name: mask for name, mask in masks.items() if mask.any()}
-    if overlap:
-        shared = np.zeros_like(images.labels, dtype=bool)
-        nerve = np.argwhere(masks["facial_nerve"])
-        shared[tuple(nerve[: len(nerve) // 2].T)] = True
-        masks["Artery"] = shared
-    return masks
-
-
 MORE = '[[structure]]\nname = "artery"\nsegment = "Artery"\nclearance_mm = 1.0\n\n[approach]'
 
 
@@ -229,24 +200,7 @@ def test_overlapping_segments_of_slicer_are_planned_and_verified(
     nrrd = pytest.importorskip("nrrd")
     shutil.copy(images.folder / "ct.nii.gz", folder)
     masks = segments(images, overlap=True)
-    layers = np.zeros((2, *images.labels.shape), np.uint8)
-    keys: dict[str, Any] = {}
-    for n, (name, mask) in enumerate(masks.items()):
-        layer = int(name == "Artery")
-        value = 1 if layer else n + 1
-        layers[layer][mask] = value
-        keys |= {f"Segment{n}_ID": f"s{n}", f"Segment{n}_Name": name}
-        keys |= {f"Segment{n}_LabelValue": str(value), f"Segment{n}_Layer": str(layer)}
-    lps = images.labels_lps
-    header = {
-        "space": "left-posterior-superior",
-        "space directions": np.vstack([[np.nan] * 3, lps[:3, :3].T]),
-        "space origin": lps[:3, 3],
-        "kinds": ["list", "domain", "domain", "domain"],
-        "encoding": "gzip",
-        **keys,
-    }
-    nrrd.write(str(folder / "a.seg.nrrd"), layers, header, index_order="F")
+    write_slicer(nrrd, images, masks, folder / "a.seg.nrrd")
     plan = planned(command, folder, with_segments(images, "a.seg.nrrd"))
     assert "share" in (plan / "plan.toml").read_text()
     verified = run(command, "verify", plan)
@@ -261,42 +215,11 @@ def test_overlapping_segments_of_slicer_are_planned_and_verified(
 def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
     images: SimpleNamespace, command: Path, folder: Path
 ) -> None:
-    pydicom = pytest.importorskip("pydicom")
     hd = pytest.importorskip("highdicom")
-    from pydicom.sr.codedict import codes
-
     shutil.copy(images.folder / "ct.nii.gz", folder)
     masks = segments(images, overlap=True)
-    (folder / "masks").mkdir()
-    for name, mask in masks.items():
-        nib.save(nib.Nifti1Image(mask.astype(np.uint8), LPS @ images.labels_lps), folder / "masks" / f"{name}.nii.gz")
-    about = [
-        hd.seg.SegmentDescription(
-            segment_number=n + 1,
-            segment_label=name,
-            segmented_property_category=codes.SCT.Tissue,
-            segmented_property_type=codes.SCT.Bone,
-            algorithm_type=hd.seg.SegmentAlgorithmTypeValues.MANUAL,
-        )
-        for n, name in enumerate(masks)
-    ]
-    pixels = np.stack([mask.transpose(2, 1, 0) for mask in masks.values()], axis=-1).astype(np.uint8)
-    assert np.allclose(images.lps, images.labels_lps), "the block's labels lie on the CT's grid"
-    segmentation = hd.seg.Segmentation(
-        source_images=slices(pydicom, images),
-        pixel_array=pixels,
-        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
-        segment_descriptions=about,
-        series_instance_uid=hd.UID(),
-        series_number=2,
-        sop_instance_uid=hd.UID(),
-        instance_number=1,
-        manufacturer="a",
-        manufacturer_model_name="b",
-        software_versions="c",
-        device_serial_number="d",
-    )
-    segmentation.save_as(folder / "seg.dcm")
+    write_masks(masks, LPS @ images.labels_lps, folder / "masks")
+    write_seg(hd, images, masks, folder / "seg.dcm")
     plans = []
     for labels in ("masks", "seg.dcm"):
         own = folder / f"of-{labels}"
@@ -309,3 +232,137 @@ def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
         (said,) = readers_shared_by_verify(command, plans[-1])
         assert said.startswith("images.labels is "), said
     assert_near(*plans)
+
+
+def test_nothing_of_the_patient_is_printed_or_written(images: SimpleNamespace, command: Path, tmp_path: Path) -> None:
+    pydicom, hd = pytest.importorskip("pydicom"), pytest.importorskip("highdicom")
+    write_series(pydicom, images, tmp_path / "dicom")
+    write_seg(hd, images, segments(images, overlap=False), tmp_path / "seg.dcm")
+    for source in (*(tmp_path / "dicom").iterdir(), tmp_path / "seg.dcm"):
+        assert b"PATIENT-7" in source.read_bytes(), "the inputs have what must not get out"
+    case, packed, plan, scene = (tmp_path / name for name in ("case.toml", "packed", "plan", "scene"))
+    said = []
+    for words in (
+        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--json"],
+        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--force"],
+        ["plan", case, "--out", packed, "--pack", "--json"],
+        ["plan", case, "--out", plan],
+        ["verify", plan, "--json"],
+        ["verify", plan, "--all"],
+        ["simulate", plan, "--json"],
+        ["export", plan, "--format", "slicer", "--out", scene],
+    ):
+        done = run(command, *words)
+        assert done.returncode == 0, done.stdout + done.stderr
+        said += [done.stdout, done.stderr]
+    # the packed inputs are the files that were named, and have their headers
+    for kept in (p for p in packed.rglob("*") if p.is_file() and p.read_bytes()[128:132] == b"DICM"):
+        kept.unlink()
+    assert_no_secret(case, packed, plan, scene, *said)
+    # a refusal, too
+    (tmp_path / "dicom" / "IM0350").unlink()
+    refused = run(command, "plan", case, "--out", tmp_path / "no")
+    assert refused.returncode == 2 and "missing" in refused.stderr, refused.stdout + refused.stderr
+    assert_no_secret(refused.stdout, refused.stderr)
+
+
+def cased(command: Path, folder: Path, ct: str, *labels: str) -> dict[str, Any]:
+    """The case that `bonemill case` makes of images in `folder`."""
+    out = folder / "made.toml"
+    done = run(command, "case", folder / ct, *(folder / name for name in labels), "--out", out)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "target" in done.stdout and "facial nerve" in done.stdout, done.stdout
+    return tomllib.loads(out.read_text())
+
+
+@pytest.mark.parametrize("kind", ["dicom", "masks", "nrrd", "nifti2"])
+def test_a_case_in_one_command_is_the_same_from_every_format(
+    images: SimpleNamespace, command: Path, folder: Path, kind: str
+) -> None:
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    of_nifti = cased(command, folder, "ct.nii.gz", "labels.nii.gz")
+    own = folder / f"of-{kind}"
+    own.mkdir()
+    masks = segments(images, overlap=False)
+    if kind == "dicom":
+        pydicom, hd = pytest.importorskip("pydicom"), pytest.importorskip("highdicom")
+        write_series(pydicom, images, own / "series")
+        write_seg(hd, images, masks, own / "seg.dcm")
+        made = cased(command, own, "series", "seg.dcm")
+    elif kind == "masks":
+        shutil.copy(images.folder / "ct.nii.gz", own)
+        write_masks(masks, LPS @ images.labels_lps, own / "masks")
+        made = cased(command, own, "ct.nii.gz", "masks")
+    elif kind == "nifti2":
+        for name in ("ct.nii.gz", "labels.nii.gz"):
+            nib.save(nib.Nifti2Image.from_image(nib.load(images.folder / name)), own / name)
+        shutil.copy(images.folder / "labels.json", own)
+        made = cased(command, own, "ct.nii.gz", "labels.nii.gz")
+    else:
+        nrrd, sitk = pytest.importorskip("nrrd"), pytest.importorskip("SimpleITK")
+        sitk.WriteImage(sitk_image(sitk, images.ct, images.lps), str(own / "ct.nhdr"))
+        write_slicer(nrrd, images, masks, own / "a.seg.nrrd")
+        made = cased(command, own, "ct.nhdr", "a.seg.nrrd")
+    assert Path(made["images"]["ct"]).name == {"dicom": "series", "nrrd": "ct.nhdr"}.get(kind, "ct.nii.gz")
+    assert made["target"] == of_nifti["target"]
+    assert len(made["structure"]) == len(of_nifti["structure"]) > 0
+    assert made["structure"] == of_nifti["structure"]
+    differ = {key for key in made.keys() | of_nifti.keys() if made.get(key) != of_nifti.get(key)}
+    assert differ <= {"images"}, differ
+
+
+def test_a_case_from_images_in_memory_is_that_of_the_command(
+    images: SimpleNamespace, command: Path, folder: Path
+) -> None:
+    shutil.copy(images.folder / "ct.nii.gz", folder)
+    of_command = cased(command, folder, "ct.nii.gz", "labels.nii.gz")
+    names = json.loads((images.folder / "labels.json").read_text())
+    ct, labels = (nib.load(images.folder / name) for name in ("ct.nii.gz", "labels.nii.gz"))
+    kinds: list[tuple[Any, Any]] = [(ct, labels), ((images.ct, ct.affine), (images.labels, labels.affine))]
+    sitk = pytest.importorskip("SimpleITK")
+    kinds.append((sitk_image(sitk, images.ct, images.lps), sitk_image(sitk, images.labels, images.labels_lps)))
+    cases = []
+    for of_ct, of_labels in kinds:
+        case = bonemill.Case.from_images(of_ct, of_labels, label_names=names)
+        made = tomllib.loads(case.text)
+        assert made["images"] == {**of_command["images"], "ct": "ct.nii", "labels": "labels.nii"}
+        made["images"] = of_command["images"]
+        assert made == of_command
+        assert bonemill.Case.load(case.path) == case
+        cases.append(case)
+    # left is left: SimpleITK's image lies where nibabel's does
+    files = [nib.load(case.path.with_name("ct.nii")) for case in cases]
+    for file in files:
+        assert np.allclose(file.affine, ct.affine, atol=1e-4) and np.array_equal(np.asarray(file.dataobj), images.ct)
+    with pytest.raises(bonemill.CaseError, match="no label's name tells the target"):
+        bonemill.Case.from_images(ct, labels)
+    with pytest.warns(UserWarning, match="not spared"):
+        case = bonemill.Case.from_images(ct, labels, target=names["target"])
+    assert tomllib.loads(case.text).get("structure", []) == []
+    with pytest.raises(bonemill.ArrayError, match="SimpleITK"):
+        bonemill.Case.from_images(3, labels)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["labels.nrrd", "labels.mha", "labels.nii"])
+def test_labels_beside_the_ct_are_refused_in_every_format(
+    images: SimpleNamespace, command: Path, folder: Path, name: str
+) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    moved = images.lps.copy()
+    moved[0, 3] += 2.5 * np.linalg.norm(images.lps[:3, 0])
+    write_series(pytest.importorskip("pydicom"), images, folder / "series")
+    sitk.WriteImage(sitk_image(sitk, images.labels, moved), str(folder / name))
+    (folder / "case.toml").write_text(named(images, "series", name))
+    refused = run(command, "plan", folder / "case.toml", "--out", folder / "no")
+    assert refused.returncode == 2 and "(2.5 voxels) beside the CT's" in refused.stderr, refused.stderr
+
+
+def test_every_file_that_is_read_has_its_digest(images: SimpleNamespace, command: Path, folder: Path) -> None:
+    write_series(pytest.importorskip("pydicom"), images, folder / "series")
+    write_masks(segments(images, overlap=True), LPS @ images.labels_lps, folder / "masks")
+    plan = planned(command, folder, with_segments(images, "masks").replace('"ct.nii.gz"', '"series"'))
+    inputs = tomllib.loads((plan / "plan.toml").read_text())["inputs"]
+    read = [p for name in ("series", "masks") for p in sorted((folder / name).iterdir())]
+    found = {name: digest for name, digest in inputs.items() if "series/" in name or "masks/" in name}
+    assert [Path(name).name for name in found] == [p.name for p in read], "all of them, in the order of their names"
+    assert list(found.values()) == [hashlib.sha256(p.read_bytes()).hexdigest() for p in read]

@@ -8,6 +8,7 @@ use bonemill_imaging::{write_ct_i16, write_labels_u8};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan};
+use bonemill_planner::report::CtSlices;
 use bonemill_planner::save;
 use bonemill_planner::verify::{Check, verify};
 
@@ -127,7 +128,7 @@ fn run_in(scene: &Scene, folder: &Path, judge: &mut dyn FnMut(&StoredPlan) -> Ve
     };
     let stored = || -> Told<StoredPlan> {
         let staged = StagedDirectory::create(&folder.join("plan"), Replace::Plan)?;
-        save::plan(&plan, &case_path, &staged)?;
+        save::plan(&plan, &case_path, &staged, CtSlices::Shown)?;
         let dir = staged.commit()?;
         Ok(StoredPlan::load(&dir)?)
     };

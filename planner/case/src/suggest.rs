@@ -72,6 +72,20 @@ mod tests {
     }
 
     #[test]
+    fn case_and_accents_find_their_name() {
+        let names = ["Facial nerve", "Sigmoïd sinus", "Äußerer Gehörgang"];
+        // composed, decomposed, and without
+        for (said, meant) in [
+            ("FACIAL NERVE", names[0]),
+            ("sigmoid sinus", names[1]),
+            ("Sigmoi\u{308}d Sinus", names[1]),
+            ("Ausserer Gehorgang", names[2]),
+        ] {
+            assert_eq!(nearest(said, names.into_iter()), Some(meant), "{said}");
+        }
+    }
+
+    #[test]
     fn the_unit_alone_may_differ() {
         for other in ["radius", "radius_m", "radius_um", "Radius_mm"] {
             assert!(same_quantity(other, "radius_mm"), "{other}");

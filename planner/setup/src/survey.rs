@@ -5,12 +5,15 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::DEFAULT_BONE_HU;
-use bonemill_case::draft::FoundLabel;
+use bonemill_case::draft::{
+    self, Choice, Draft, DraftError, Drafted, FoundLabel, ImagePaths, KnownPlace, SideFound, TargetChoice,
+};
 use bonemill_geometry::{Ct, Volume};
 use bonemill_imaging::{
     AffineChoice, ImageError, LabelMap, LabelSurvey, MASK_ENDINGS, bone_extent_x_mm, label_names_path,
     labels_beside, read_labels, survey_labels,
 };
+use nalgebra::Vector3;
 use thiserror::Error;
 
 use super::inputs::{PlainImages, read_plain};
@@ -69,18 +72,20 @@ impl Survey {
     /// # Errors
     /// [`SurveyError`] for an image that cannot be read or trusted, and a mask that is none.
     pub fn read(
-        ct: &Path,
+        ct_path: &Path,
         series: Option<&str>,
         labels: &Path,
         masks: &[(PathBuf, PathBuf)],
     ) -> Result<Self, SurveyError> {
         let PlainImages { ct, mut map, names, .. } = read_plain(
-            (ct, AffineChoice::Auto, series),
+            (ct_path, AffineChoice::Auto, series),
             (labels, AffineChoice::Auto, &label_names_path(labels)),
         )?;
         let names = names.map(|(names, _)| names);
+        let of_ct = ct.warnings.iter().map(|warning| (ct_path, warning));
+        let of_map = map.image.warnings.iter().map(|warning| (labels, warning));
         let mut warnings: Vec<String> =
-            ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
+            of_ct.chain(of_map).map(|(path, warning)| format!("{}: {warning}", path.display())).collect();
         let mut added = Vec::new();
         for (path, named) in masks {
             let mask = read_labels(path, AffineChoice::Auto)?;
@@ -122,6 +127,37 @@ impl Survey {
             map: image.volume,
             further,
         })
+    }
+
+    /// The case file that these images make, to lie in `file`, and which side they show; `approach` points out of the bone.
+    ///
+    /// # Errors
+    /// As [`draft::draft`].
+    pub fn draft(
+        &self,
+        images: ImagePaths,
+        choice: &Choice,
+        (robot, approach, place): (&str, Option<Vector3<f64>>, KnownPlace),
+        file: &Path,
+    ) -> Result<(SideFound, Drafted), DraftError> {
+        let side = draft::side(&self.labels, choice, self.bone_x_mm);
+        let beside = match choice.target {
+            TargetChoice::Label(target) => self.labels.get(target).map(|label| self.beside(label.number)),
+            TargetChoice::Shape(_) => None,
+        };
+        let of = Draft {
+            images,
+            labels: &self.labels,
+            choice,
+            beside_target: &beside.unwrap_or_default(),
+            diagonal_mm: self.diagonal_mm,
+            side: &side,
+            approach,
+            robot,
+            place,
+        };
+        let drafted = draft::draft(&of, file)?;
+        Ok((side, drafted))
     }
 
     /// Numbers of the labels that share a voxel, a face, an edge or a corner with that one, ascending.

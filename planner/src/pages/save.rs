@@ -12,16 +12,21 @@ use bonemill_simulate::Simulation;
 use bonemill_verify::Verification;
 use bonemill_verify::uncertainty::{ErrorModel, Risk};
 
-use crate::pages::report;
+use crate::pages::report::{self, CtSlices};
 
 /// Writes every file of `plan` into the staged directory; `case_path` is where its case was read from.
 ///
 /// # Errors
 /// As [`bonemill_pipeline::save`].
-pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
+pub fn plan(
+    plan: &Plan,
+    case_path: &Path,
+    staged: &StagedDirectory,
+    ct_slices: CtSlices,
+) -> Result<PlanRecord, PlanFileError> {
     let (record, page) = rayon::join(
         || bonemill_pipeline::save(plan, case_path, staged),
-        || staged.write(REPORT, report::html(plan)),
+        || staged.write(REPORT, report::html(plan, ct_slices)),
     );
     page?;
     record
@@ -35,8 +40,9 @@ pub fn channel(
     plan: &ChannelPlan,
     case_path: &Path,
     staged: &StagedDirectory,
+    ct_slices: CtSlices,
 ) -> Result<PlanRecord, PlanFileError> {
-    staged.write(REPORT, crate::pages::channel::html(plan))?;
+    staged.write(REPORT, crate::pages::channel::html(plan, ct_slices))?;
     bonemill_channel::save(plan, case_path, staged)
 }
 

@@ -63,7 +63,7 @@ pub enum ReadProblem {
     #[error("cannot be read: {0}")]
     Unreadable(#[from] io::Error),
     /// No header of a NIfTI-1 file.
-    #[error("is not NIfTI-1 in a single file")]
+    #[error("is neither NIfTI-1 nor NIfTI-2 in a single file")]
     NotNifti,
     /// A field of an NRRD header is missing or cannot be used.
     #[error("`{field}` in its header: expected {expected}")]

@@ -1,9 +1,9 @@
-//! Reads the plan's images again, NIfTI-1 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Images of
+//! Reads the plan's images again, NIfTI-1 and -2 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Images of
 //! other formats are read by the planner's reader, and the verdict says so.
 //!
-//! Fields are taken at the byte offsets of `nifti1.h` (**Source:** NIfTI data format working group), and a file is refused unless
+//! Fields are taken at the byte offsets of `nifti1.h` and `nifti2.h` (**Source:** NIfTI data format working group), and a file is refused unless
 //! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some
-//! writers leave it) means no scaling. Not read: NIfTI-2, several volumes, colours.
+//! writers leave it) means no scaling. Not read: several volumes, colours.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -24,8 +24,57 @@ mod shared;
 pub use segments::LabelsRead;
 pub use shared::SharedReader;
 
-/// Header and extension flag, bytes: voxels start there or later.
-const HEADER_BYTES: usize = 352;
+/// Where a version of the format has its fields, and how wide they are.
+struct Places {
+    /// Header and extension flag, bytes: voxels start there or later.
+    header: usize,
+    mark: (usize, &'static [u8]),
+    dim: (usize, usize),
+    datatype: usize,
+    bitpix: usize,
+    /// Bytes of real numbers.
+    real: usize,
+    pixdim: usize,
+    vox_offset: usize,
+    scaling: usize,
+    /// qform_code, sform_code and their width.
+    codes: (usize, usize, usize),
+    quaternion: usize,
+    rows: usize,
+    units: (usize, usize),
+}
+
+const FIRST: Places = Places {
+    header: 352,
+    mark: (344, b"n+1\0"),
+    dim: (40, 2),
+    datatype: 70,
+    bitpix: 72,
+    real: 4,
+    pixdim: 76,
+    vox_offset: 108,
+    scaling: 112,
+    codes: (252, 254, 2),
+    quaternion: 256,
+    rows: 280,
+    units: (123, 1),
+};
+const SECOND: Places = Places {
+    header: 544,
+    mark: (4, b"n+2\0\r\n\x1a\n"),
+    dim: (16, 8),
+    datatype: 12,
+    bitpix: 14,
+    real: 8,
+    pixdim: 104,
+    vox_offset: 168,
+    scaling: 176,
+    codes: (344, 348, 4),
+    quaternion: 352,
+    rows: 400,
+    units: (500, 4),
+};
+
 /// Most bytes after the last voxel that may be padding, and most voxels.
 const PADDING_BYTES: usize = 4096;
 const MOST_VOXELS: u64 = 1 << 31;
@@ -148,7 +197,8 @@ fn straight_axes(
 
 /// The first bytes of a file, in its own byte order.
 struct Header {
-    bytes: [u8; HEADER_BYTES],
+    bytes: Vec<u8>,
+    of: &'static Places,
     is_big: bool,
     dims: [usize; 3],
     mm: f64,
@@ -156,45 +206,63 @@ struct Header {
 
 impl Header {
     fn read(from: &mut dyn Read) -> Result<Self, ReadProblem> {
-        let mut bytes = [0; HEADER_BYTES];
-        from.read_exact(&mut bytes)?;
-        let is_big = bytes.starts_with(&348i32.to_be_bytes());
-        if !(is_big || bytes.starts_with(&348i32.to_le_bytes())) || bytes[344..348] != *b"n+1\0" {
+        let mut size = [0; 4];
+        from.read_exact(&mut size)?;
+        let (of, is_big) = match [i32::from_le_bytes(size), i32::from_be_bytes(size)] {
+            [348, _] => (&FIRST, false),
+            [_, 348] => (&FIRST, true),
+            [540, _] => (&SECOND, false),
+            [_, 540] => (&SECOND, true),
+            _ => return Err(ReadProblem::NotNifti),
+        };
+        let mut bytes = size.to_vec();
+        bytes.resize(of.header, 0);
+        from.read_exact(&mut bytes[4..])?;
+        if !bytes[of.mark.0..].starts_with(of.mark.1) {
             return Err(ReadProblem::NotNifti);
         }
-        let mut header = Self { bytes, is_big, dims: [1; 3], mm: 1.0 };
-        let dim: [u64; 8] = std::array::from_fn(|n| header.short(40 + 2 * n).max(0) as u64);
-        let used = dim.get(1..=dim[0] as usize).unwrap_or_default();
+        let mut header = Self { bytes, of, is_big, dims: [1; 3], mm: 1.0 };
+        let (at, width) = of.dim;
+        let dim: [u64; 8] = std::array::from_fn(|n| header.whole(at + n * width, width).max(0) as u64);
+        let used = usize::try_from(dim[0]).ok().and_then(|last| dim.get(1..=last)).unwrap_or_default();
         let (space, time) = used.split_at(used.len().min(3));
-        let voxels: u64 = space.iter().product();
+        let voxels = space.iter().fold(1u64, |all, n| all.saturating_mul(*n));
         if used.is_empty() || !(1..=MOST_VOXELS).contains(&voxels) || time.iter().any(|n| *n != 1) {
             return Err(field("dim", voxels as f64, "one volume of at most 2^31 voxels"));
         }
         header.dims = std::array::from_fn(|a| space.get(a).map_or(1, |n| *n as usize));
-        header.mm = match bytes[123] & 7 {
+        header.mm = match header.whole(of.units.0, of.units.1) & 7 {
             0 | 2 => 1.0,
             1 => 1e3,
             3 => 1e-3,
-            code => return Err(field("xyzt_units", f64::from(code), "0 to 3 for lengths")),
+            code => return Err(field("xyzt_units", code as f64, "0 to 3 for lengths")),
         };
         Ok(header)
     }
 
-    /// `N` bytes at an offset, the least significant first.
-    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
-        let mut found = std::array::from_fn(|n| self.bytes[offset + n]);
+    /// `width` bytes at an offset, the least significant first, above zeros.
+    fn at(&self, offset: usize, width: usize) -> [u8; 8] {
+        let mut found = [0; 8];
+        found[8 - width..].copy_from_slice(&self.bytes[offset..offset + width]);
         if self.is_big {
-            found.reverse();
+            found[8 - width..].reverse();
         }
         found
     }
 
-    fn short(&self, offset: usize) -> i16 {
-        i16::from_le_bytes(self.at(offset))
+    fn whole(&self, offset: usize, width: usize) -> i64 {
+        i64::from_le_bytes(self.at(offset, width)) >> (64 - 8 * width)
     }
 
-    fn single(&self, offset: usize) -> f64 {
-        f64::from(f32::from_le_bytes(self.at(offset)))
+    /// The number `n` of real numbers that begin at an offset.
+    fn real(&self, offset: usize, n: usize) -> f64 {
+        let found = self.at(offset + n * self.of.real, self.of.real);
+        let [.., a, b, c, d] = found;
+        if self.of.real == 4 {
+            f64::from(f32::from_le_bytes([a, b, c, d]))
+        } else {
+            f64::from_le_bytes(found)
+        }
     }
 
     /// What `valid` makes of every voxel's number and value after scaling, in the file's order, and the bytes before.
@@ -203,26 +271,31 @@ impl Header {
         from: &mut dyn Read,
         valid: impl Fn((usize, f64)) -> Result<T, ReadProblem>,
     ) -> Result<(Vec<T>, Vec<u8>), ReadProblem> {
-        let (code, bitpix, offset) = (self.short(70), self.short(72), self.single(108));
+        let (code, bitpix) = (self.whole(self.of.datatype, 2), self.whole(self.of.bitpix, 2));
+        let offset = match self.of.real {
+            8 => self.whole(self.of.vox_offset, 8) as f64,
+            _ => self.real(self.of.vox_offset, 0),
+        };
         let size = match code {
             2 | 256 => 1,
             4 | 512 => 2,
             8 | 16 | 768 => 4,
             64 | 1024 | 1280 => 8,
-            _ => return Err(field("datatype", f64::from(code), "a number of 8 to 64 bits")),
+            _ => return Err(field("datatype", code as f64, "a number of 8 to 64 bits")),
         };
         if usize::try_from(bitpix) != Ok(8 * size) {
-            return Err(field("bitpix", f64::from(bitpix), "that of datatype"));
+            return Err(field("bitpix", bitpix as f64, "that of datatype"));
         }
-        if !(offset >= HEADER_BYTES as f64 && offset <= f64::from(1 << 24) && offset.fract() == 0.0) {
-            return Err(field("vox_offset", offset, "a whole number from 352"));
+        let first = self.of.header as f64;
+        if !(offset >= first && offset <= f64::from(1 << 24) && offset.fract() == 0.0) {
+            return Err(field("vox_offset", offset, "a whole number from the end of the header"));
         }
-        let [slope, intercept] = match [self.single(112), self.single(116)] {
+        let [slope, intercept] = match [0, 1].map(|n| self.real(self.of.scaling, n)) {
             [slope, _] if slope == 0.0 || slope.is_nan() => [1.0, 0.0],
             [slope, intercept] if (slope + intercept).is_finite() => [slope, intercept],
             [slope, _] => return Err(field("scl_slope", slope, "finite, as scl_inter")),
         };
-        let (count, before) = (self.dims.iter().product::<usize>(), offset as usize - HEADER_BYTES);
+        let (count, before) = (self.dims.iter().product::<usize>(), offset as usize - self.of.header);
         let expected = before + count * size;
         let mut bytes = Vec::new();
         // to the end, where gzip's checksum is compared
@@ -257,7 +330,8 @@ impl Header {
 
     /// Where the voxels lie. With [`AffineChoice::Auto`] all that the header says about it must agree.
     fn grid(&self, choice: AffineChoice) -> Result<Grid<Ct>, ReadProblem> {
-        let [has_qform, has_sform] = [252, 254].map(|at| self.short(at) > 0);
+        let [has_qform, has_sform] =
+            [self.of.codes.0, self.of.codes.1].map(|at| self.whole(at, self.of.codes.2) > 0);
         let is_auto = choice == AffineChoice::Auto;
         let by_sform = choice == AffineChoice::Sform || is_auto && has_sform;
         let (linear, offset) = match by_sform {
@@ -277,7 +351,7 @@ impl Header {
             (0..8).all(|n| off(n) <= SAME_VOXELS * spacing.min() + more_mm)
         };
         if is_auto {
-            let size = self.lengths(80);
+            let size = self.lengths(self.of.pixdim, 1);
             if !(size.iter().all(|mm| *mm > 0.0) && is_same(&sized(unit, &size), 0.0)) {
                 return Err(ReadProblem::Affine("columns that contradict pixdim"));
             }
@@ -295,21 +369,21 @@ impl Header {
         Ok(Grid::new(self.dims, spacing, axes, offset)?)
     }
 
-    /// Three lengths, mm.
-    fn lengths(&self, offset: usize) -> Vector3<f64> {
-        Vector3::from_fn(|a, _| self.single(offset + 4 * a) * self.mm)
+    /// Three lengths, mm, from the number `first` of those at an offset.
+    fn lengths(&self, offset: usize, first: usize) -> Vector3<f64> {
+        Vector3::from_fn(|a, _| self.real(offset, first + a) * self.mm)
     }
 
     fn sform(&self) -> (Matrix3<f64>, Vector3<f64>) {
-        let entry = |r: usize, c: usize| self.single(280 + 16 * r + 4 * c) * self.mm;
+        let entry = |r: usize, c: usize| self.real(self.of.rows, 4 * r + c) * self.mm;
         (Matrix3::from_fn(entry), Vector3::from_fn(|r, _| entry(r, 3)))
     }
 
     /// The rotation of the quaternion (a, b, c, d), 1 + 2a[v]ₓ + 2[v]ₓ²; the third axis is reversed for qfac below 0.
     fn qform(&self) -> Result<(Matrix3<f64>, Vector3<f64>), ReadProblem> {
-        let [b, c, d] = [256, 260, 264].map(|at| self.single(at));
+        let [b, c, d] = [0, 1, 2].map(|n| self.real(self.of.quaternion, n));
         let square = b * b + c * c + d * d;
-        let (size, qfac) = (self.lengths(80), self.single(76));
+        let (size, qfac) = (self.lengths(self.of.pixdim, 1), self.real(self.of.pixdim, 0));
         let is_size = size.iter().all(|mm| *mm > 0.0 && mm.is_finite());
         if !(is_size && square <= 1.0 + 1e-5 && !qfac.is_nan()) {
             return Err(ReadProblem::Affine("an impossible qform"));
@@ -318,7 +392,10 @@ impl Header {
         let cross = (Vector3::new(b, c, d) / square.max(1.0).sqrt()).cross_matrix();
         let turn = Matrix3::identity() + cross * (2.0 * a) + cross * cross * 2.0;
         let reversed = Vector3::new(1.0, 1.0, if qfac < 0.0 { -1.0 } else { 1.0 });
-        Ok((turn * Matrix3::from_diagonal(&size.component_mul(&reversed)), self.lengths(268)))
+        Ok((
+            turn * Matrix3::from_diagonal(&size.component_mul(&reversed)),
+            self.lengths(self.of.quaternion, 3),
+        ))
     }
 }
 

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,64 @@ class Case:
         case._text, case._path, case._folder, case._origin = text, path, folder, origin or path
         return case
 
+    @classmethod
+    def from_images(
+        cls,
+        ct: _images.Image,
+        labels: _images.Image,
+        *,
+        label_names: Mapping[str, int] | None = None,
+        target: str | int | None = None,
+        structures: Sequence[str | int] = (),
+        ignored: Sequence[str | int] = (),
+        robot: str = "bone-attached",
+        approach: Sequence[float] | None = None,
+    ) -> Case:
+        """A case made of images, as ``bonemill case`` makes one: target and structures by their usual names, values to start from.
+
+        Args:
+            ct: Hounsfield units: a file or a folder that the command reads, too, an image of nibabel or SimpleITK, or
+                (array [i, j, k], affine (4, 4) to RAS+ mm).
+            labels: whole numbers, the same way.
+            label_names: names of labels in memory and their values.
+            target: the label to be removed, by name or number, where names do not tell it.
+            structures: labels to be spared that their names do not tell.
+            ignored: labels not to be spared, whatever their names tell.
+            robot: ``"bone-attached"``, ``"ur3e"``, ``"ur5e"`` or ``"ur10e"``.
+            approach: (3,), out of the bone, in RAS+, any length; by default the planner chooses it.
+
+        What the user should know of it (a label that is not spared, a side that is not known) is given as warnings.
+
+        Raises:
+            ArrayError: no volume, no such type, an affine that is none. ImageError: an image that cannot be trusted.
+            CaseError: names do not tell the target, or a label that is not there.
+        """
+        folder = _folders.temporary()
+        home = Path(folder.name, "case.toml")
+        paths = {name: _in_folder(Path(folder.name), name, image) for name, image in (("ct", ct), ("labels", labels))}
+        if label_names is not None:
+            if _images.is_path(labels):
+                raise ArrayError("label_names are for labels in memory; a file has them in the labels.json beside it")
+            text = json.dumps(dict(label_names), indent=2) + "\n"
+            home.with_name("labels.json").write_text(text, encoding="utf-8")
+        wanted = (
+            None if target is None else str(target),
+            [str(label) for label in structures],
+            [str(label) for label in ignored],
+            robot,
+            None if approach is None else tuple(float(part) for part in approach),
+        )
+        named = tuple(Path(path.name) if path.parent == home.parent else path for path in paths.values())
+        try:
+            text, notes = _native.draft_case(tuple(paths.values()), named, wanted, home)  # type: ignore[arg-type]
+        except BonemillError as error:
+            said = re.sub(rf"{re.escape(folder.name + os.sep)}(ct|labels)\.nii", r"the image \1 in memory", str(error))
+            raise type(error)(said) from None
+        home.write_text(text, encoding="utf-8")
+        for note in notes:
+            warnings.warn(note, stacklevel=2)
+        return cls._make(text, home, folder, Path("the case from images"))
+
     def with_images(
         self,
         *,
@@ -62,7 +121,7 @@ class Case:
         """The same case on other images.
 
         Args:
-            ct: Hounsfield units: a file, a nibabel image, or (array [i, j, k], affine (4, 4) to RAS+ mm).
+            ct: Hounsfield units: a file, an image of nibabel or SimpleITK, or (array [i, j, k], affine (4, 4) to RAS+ mm).
             labels: whole numbers, the same way.
             label_names: names that the case uses, and their values; default: those beside the case's own map.
 
@@ -184,6 +243,15 @@ class Case:
             return _restore, (self._text, os.path.abspath(self._path))
         files = {entry.name: entry.read_bytes() for entry in Path(self._folder.name).iterdir()}
         return _restore_files, (self._text, files, str(self._origin))
+
+
+def _in_folder(folder: Path, name: str, image: _images.Image) -> Path:
+    """Where an image lies, absolute; one in memory is written into the folder."""
+    if _images.is_path(image):
+        return Path(os.path.abspath(os.fspath(image)))  # type: ignore[arg-type]
+    path = folder / f"{name}.nii"
+    _images.write(path, name, image)
+    return path
 
 
 def _toml(key: str, value: Any) -> str:

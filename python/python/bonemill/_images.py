@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -31,8 +32,19 @@ class SpatialImage(Protocol):
     def affine(self) -> Any: ...
 
 
-Image: TypeAlias = "str | os.PathLike[str] | SpatialImage | tuple[ArrayLike, ArrayLike]"
-"""A file, a nibabel image, or an array [i, j, k] with its affine (4, 4), voxel index to RAS+ mm."""
+@runtime_checkable
+class ItkImage(Protocol):
+    """What SimpleITK gives: where the voxels are, in LPS; the voxels themselves come from its module."""
+
+    def GetOrigin(self) -> Any: ...
+
+    def GetSpacing(self) -> Any: ...
+
+    def GetDirection(self) -> Any: ...
+
+
+Image: TypeAlias = "str | os.PathLike[str] | SpatialImage | ItkImage | tuple[ArrayLike, ArrayLike]"
+"""A file, an image of nibabel or SimpleITK, or an array [i, j, k] with its affine (4, 4), voxel index to RAS+ mm."""
 
 
 def is_path(image: Any) -> bool:
@@ -54,11 +66,13 @@ def write(path: Path, name: str, image: Image) -> None:
 def _parts(name: str, image: Any) -> tuple[NDArray[Any], NDArray[np.float64]]:
     if isinstance(image, SpatialImage):
         values, place = np.asanyarray(image.dataobj), image.affine
+    elif isinstance(image, ItkImage):
+        values, place = _itk_parts(name, image)
     elif isinstance(image, tuple) and len(image) == 2:
         values, place = np.asarray(image[0]), image[1]
     else:
         raise ArrayError(
-            f"{name} is {type(image).__name__}: expected a file's name, a nibabel image or (array, affine)"
+            f"{name} is {type(image).__name__}: expected a file's name, an image of nibabel or SimpleITK, or (array, affine)"
         )
     if values.dtype == np.bool_:
         values = values.astype(np.uint8)
@@ -72,6 +86,22 @@ def _parts(name: str, image: Any) -> tuple[NDArray[Any], NDArray[np.float64]]:
     if affine.shape != (4, 4) or not np.array_equal(affine[3], [0, 0, 0, 1]):
         raise ArrayError(f"{name}'s affine is {affine.tolist()}: expected (4, 4) with the last row 0, 0, 0, 1")
     return values, affine
+
+
+def _itk_parts(name: str, image: ItkImage) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Voxels [i, j, k] and affine to RAS+; SimpleITK's arrays are [k, j, i], its places in LPS."""
+    module = sys.modules.get(type(image).__module__.partition(".")[0])
+    view = getattr(module, "GetArrayViewFromImage", None)
+    if view is None:
+        raise ArrayError(f"{name} is {type(image).__name__} without GetArrayViewFromImage: expected SimpleITK's Image")
+    origin, spacing, direction = (np.array(of(), dtype=np.float64) for of in (image.GetOrigin, image.GetSpacing, image.GetDirection))
+    if origin.shape != (3,) or spacing.shape != (3,) or direction.size != 9:
+        raise ArrayError(f"{name} has {origin.size} dimensions: expected 3")
+    affine = np.eye(4)
+    affine[:3, :3] = direction.reshape(3, 3) * spacing
+    affine[:3, 3] = origin
+    affine[:2] *= -1
+    return np.asarray(view(image)).T, affine
 
 
 def _header(name: str, shape: tuple[int, ...], kind: str, affine: NDArray[np.float64]) -> bytes:

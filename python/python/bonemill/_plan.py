@@ -102,7 +102,7 @@ class Plan:
         folder = None if inputs is None else Path(inputs)
         return cls._make(_native.Plan.load(Path(path), folder), None, inputs=folder)
 
-    def save(self, path: str | os.PathLike[str], *, pack: bool = False) -> Path:
+    def save(self, path: str | os.PathLike[str], *, pack: bool = False, slices: bool = True) -> Path:
         """Writes ``plan.toml``, ``waypoints.csv``, ``forces.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html``, the case and
         notes.
 
@@ -113,6 +113,8 @@ class Plan:
             path: the folder to write.
             pack: keep copies of all inputs in the plan, so that it can be moved or sent as it is; also done when the plan
                 was made with ``pack=True`` or was read with such copies.
+            slices: whether ``report.html`` shows slices of the CT; False lets the page go where the scan may not. The page of
+                a plan that was read is copied as it is.
 
         Returns:
             The folder, absolute.
@@ -121,7 +123,7 @@ class Plan:
             PlanFileError: the folder cannot be written, or holds something else; an input to be copied is missing.
         """
         in_memory = self._case is not None and self._case._folder is not None
-        return self._made.save(Path(path), pack or self._pack, in_memory)
+        return self._made.save(Path(path), (pack or self._pack, in_memory), slices)
 
     def to_slicer(self, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
         """Writes the plan as files for 3D Slicer; opening ``plan.mrml`` there shows them beside the case's CT.

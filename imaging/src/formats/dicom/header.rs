@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions, Tag};
 use nalgebra::Vector3;
 
+use super::lengths::{PlainPixels, check_lengths};
 use super::problem::DicomProblem;
 
 /// Where a DICOM file's mark stands, behind its preamble.
@@ -89,6 +90,8 @@ pub(super) struct Header {
     /// Columns and rows.
     pub size: [usize; 2],
     pub pixels: PixelFormat,
+    /// Where its pixels stand if they are not compressed.
+    pub plain: Option<PlainPixels>,
     /// One for each frame; none in a file without a place.
     pub frames: Vec<Frame>,
 }
@@ -213,7 +216,7 @@ impl Found {
     /// # Errors
     /// [`DicomProblem`] for a file that is damaged.
     pub fn read(path: &Path) -> Result<Option<Self>, DicomProblem> {
-        super::pixels::check_lengths(path)?;
+        let plain = check_lengths(path)?;
         let object = open(path, false)?;
         let attributes = Attributes { of: &object, file: path };
         if attributes.of.get(ROWS).is_none() {
@@ -225,17 +228,17 @@ impl Found {
             modality: attributes.text(MODALITY).unwrap_or_default(),
             is_localizer: image_type.to_uppercase().contains("LOCALIZER"),
             is_segmentation: SEGMENTATIONS.contains(&attributes.text(SOP_CLASS).unwrap_or_default().as_str()),
-            header: Header::of(&attributes),
+            header: Header::of(&attributes, plain),
         }))
     }
 }
 
 impl Header {
-    fn of(a: &Attributes<'_>) -> Result<Self, DicomProblem> {
+    fn of(a: &Attributes<'_>, plain: Option<PlainPixels>) -> Result<Self, DicomProblem> {
         let size = [(COLUMNS, "Columns"), (ROWS, "Rows")];
         let [columns, rows] = size.map(|of| a.need(of, 1..=65535, "1 to 65535").map(|n| n as usize));
         let (size, pixels) = ([columns?, rows?], PixelFormat::of(a)?);
-        Ok(Self { path: a.file.to_owned(), size, pixels, frames: frames(a)? })
+        Ok(Self { path: a.file.to_owned(), size, pixels, plain, frames: frames(a)? })
     }
 
     pub fn name(&self) -> String {

@@ -1,7 +1,7 @@
 //! DICOM: a CT as a folder with the files of a series, or as one file with many frames; a segmentation as one file.
 //!
-//! Headers are read first, without pixels, by `dicom-object`; then pixels are decoded slice by slice, so that little more than the
-//! result is in memory. Slices are ordered by ImagePositionPatient along the normal of ImageOrientationPatient and by nothing else:
+//! Headers are read first, without pixels, by `dicom-object`; then pixels are converted slice by slice into the result, so that
+//! little more is in memory: straight from the file where they are not compressed, else decoded by `dicom-pixeldata`. Slices are ordered by ImagePositionPatient along the normal of ImageOrientationPatient and by nothing else:
 //! InstanceNumber and SliceLocation are not trusted. Localizers are left out. Refused are slices that share a position, that are
 //! missing or unevenly spaced, that are sheared by a tilted gantry, and a folder with several series, unless the case chooses one.
 //! Of a header nothing leaves this module but what places and scales voxels, and the series' UIDs where one is to be chosen: no
@@ -9,6 +9,7 @@
 //! **Source:** DICOM PS3.3 C.7.6.2 (plane), C.11.1 (rescale), C.7.6.16 (functional groups), C.8.20 (segmentation).
 
 mod header;
+mod lengths;
 mod pixels;
 mod problem;
 mod segments;

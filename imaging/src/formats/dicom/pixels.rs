@@ -1,24 +1,22 @@
-//! Pixels of a frame, decoded, and numbers from them; lengths of elements checked before anything is allocated for them.
+//! Pixels of a frame, decoded, and numbers from them.
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
+use std::io::{Read, Seek, SeekFrom};
 
 use dicom_object::{DefaultDicomObject, Tag};
 use dicom_pixeldata::PixelDecoder;
 
-use super::header::{Header, PixelFormat, name_of};
+use super::header::{Header, PixelFormat};
+use super::lengths::PlainPixels;
 use super::problem::DicomProblem;
+use crate::resample::AIR_HU;
 
 const PIXEL_DATA: Tag = Tag(0x7fe0, 0x0010);
 /// The most by which a codec makes pixels of one value smaller: wavelets and arithmetic coding reach some thousands.
 const MAX_COMPRESSION: u64 = 1 << 14;
-/// Explicit VR, big endian, and the syntax whose data set is deflated as a whole.
-const BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
-const IMPLICIT: &str = "1.2.840.10008.1.2";
-const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
-const UNDEFINED: u32 = u32::MAX;
+/// Bytes that are read and converted at a time: few enough to stay in the processor's cache.
+const PIECE_BYTES: usize = 1 << 16;
 
 /// Refuses a slice of so many pixels where the file cannot hold its frames.
 ///
@@ -84,115 +82,77 @@ pub(super) fn numbers<'a>(bytes: &'a [u8], format: &PixelFormat) -> impl Iterato
     })
 }
 
-/// Refuses a file with an element that announces more bytes than the file has left: `dicom-object` would allocate them.
-/// Sequences are entered; a deflated data set cannot be checked.
+/// Reads the grey values of a frame that is not compressed, straight from the file, and tells how many were padding.
 ///
 /// # Errors
-/// [`DicomProblem::Length`], and [`DicomProblem::Unreadable`] when the system cannot read it.
-pub(super) fn check_lengths(path: &Path) -> Result<(), DicomProblem> {
-    let failed = |e: std::io::Error| DicomProblem::Unreadable { file: name_of(path), reason: e.to_string() };
-    let file = File::open(path).map_err(failed)?;
-    let total = file.metadata().map_err(failed)?.len();
-    let mut walk =
-        Walk { from: BufReader::with_capacity(1 << 12, file), at: 132, total, syntax: String::new() };
-    walk.from.seek(SeekFrom::Start(walk.at)).map_err(failed)?;
-    match walk.elements() {
-        Ok(()) => Ok(()),
-        Err(Fault::Io(e)) => Err(failed(e)),
-        Err(Fault::Length(Tag(group, element), length)) => {
-            let tag = format!("({group:04X},{element:04X})");
-            Err(DicomProblem::Length { file: name_of(path), tag, at: walk.at, length })
+/// [`DicomProblem::Pixels`] for a file that has fewer bytes, or that the system cannot read.
+pub(super) fn read_plain(
+    header: &Header,
+    plain: PlainPixels,
+    frame: usize,
+    values: &mut [f32],
+) -> Result<u64, DicomProblem> {
+    let failed =
+        |reason: String| DicomProblem::Pixels { file: header.name(), frame: frame as u32 + 1, reason };
+    let bytes_of_pixel = (header.pixels.allocated as usize).div_ceil(8);
+    let size = (values.len() * bytes_of_pixel) as u64;
+    let before = size * frame as u64;
+    if before + size > plain.bytes {
+        return Err(failed(format!("{} bytes of PixelData, fewer than its frames need", plain.bytes)));
+    }
+    let unread = |e: std::io::Error| failed(e.to_string());
+    let mut file = File::open(&header.path).map_err(unread)?;
+    file.seek(SeekFrom::Start(plain.at + before)).map_err(unread)?;
+    let rescale = header.frames.get(frame).and_then(|f| f.rescale);
+    let (mut piece, mut padded) = ([0; PIECE_BYTES], 0);
+    for values in values.chunks_mut(PIECE_BYTES / bytes_of_pixel) {
+        let bytes = &mut piece[..values.len() * bytes_of_pixel];
+        file.read_exact(bytes).map_err(unread)?;
+        padded += grey_values(bytes, &header.pixels, rescale, values);
+    }
+    Ok(padded)
+}
+
+/// Grey values of stored pixels, little endian: slope · number + intercept, and air for padding; how many were padding.
+pub(super) fn grey_values(
+    bytes: &[u8],
+    format: &PixelFormat,
+    rescale: Option<[f64; 2]>,
+    values: &mut [f32],
+) -> u64 {
+    let [slope, intercept] = rescale.unwrap_or([1.0, 0.0]);
+    let scaled = |number: f64| (slope * number + intercept) as f32;
+    if format.allocated != 16 {
+        let mut padded = 0;
+        for (value, number) in values.iter_mut().zip(numbers(bytes, format)) {
+            let is_padding = format.padding.is_some_and(|[first, last]| (first..=last).contains(&number));
+            padded += u64::from(is_padding);
+            *value = if is_padding { AIR_HU } else { scaled(number as f64) };
+        }
+        return padded;
+    }
+    let (words, _) = bytes.as_chunks::<2>();
+    // the highest stored bit becomes the number's sign, as in `numbers`
+    let (up, down) = (15 - format.high_bit, 16 - format.stored);
+    let number = move |word: &[u8; 2]| {
+        let aligned = u16::from_le_bytes(*word) << up;
+        if format.signed { i32::from(aligned as i16 >> down) } else { i32::from(aligned >> down) }
+    };
+    let pixels = values.iter_mut().zip(words);
+    // whole numbers below 2^24 are exact in single precision, too
+    let is_whole = slope == 1.0 && intercept.fract() == 0.0 && intercept.abs() < f64::from(1 << 23);
+    if is_whole {
+        pixels.for_each(|(value, word)| *value = (number(word) + intercept as i32) as f32);
+    } else {
+        pixels.for_each(|(value, word)| *value = scaled(f64::from(number(word))));
+    }
+    let Some([first, last]) = format.padding else { return 0 };
+    let mut padded = 0;
+    for (value, word) in values.iter_mut().zip(words) {
+        if (first..=last).contains(&i64::from(number(word))) {
+            *value = AIR_HU;
+            padded += 1;
         }
     }
-}
-
-enum Fault {
-    Io(std::io::Error),
-    Length(Tag, u64),
-}
-
-impl From<std::io::Error> for Fault {
-    fn from(error: std::io::Error) -> Self {
-        Self::Io(error)
-    }
-}
-
-/// A walk over the elements of a file, in order, into sequences as into anything else.
-struct Walk {
-    from: BufReader<File>,
-    at: u64,
-    total: u64,
-    syntax: String,
-}
-
-impl Walk {
-    fn elements(&mut self) -> Result<(), Fault> {
-        let mut is_pixels = false;
-        while self.at + 8 <= self.total {
-            let first: [u8; 2] = self.bytes()?;
-            let is_meta = first == [2, 0];
-            if !is_meta && self.syntax == DEFLATED {
-                return Ok(());
-            }
-            let big = !is_meta && self.syntax == BIG_ENDIAN;
-            let short = |b: [u8; 2]| if big { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) };
-            let long = |b: [u8; 4]| if big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) };
-            let tag = Tag(short(first), short(self.bytes()?));
-            let is_item = tag.0 == 0xfffe;
-            let is_explicit = !is_item && (is_meta || self.syntax != IMPLICIT);
-            let mut vr = [0; 2];
-            let length = if is_explicit {
-                vr = self.bytes()?;
-                match &vr {
-                    b"OB" | b"OD" | b"OF" | b"OL" | b"OV" | b"OW" | b"SQ" | b"SV" | b"UC" | b"UN" | b"UR"
-                    | b"UT" | b"UV" => {
-                        let _: [u8; 2] = self.bytes()?;
-                        long(self.bytes()?)
-                    }
-                    _ => u32::from(short(self.bytes()?)),
-                }
-            } else {
-                long(self.bytes()?)
-            };
-            is_pixels |= tag == PIXEL_DATA;
-            if length == UNDEFINED {
-                continue;
-            }
-            if u64::from(length) > self.total - self.at.min(self.total) {
-                return Err(Fault::Length(tag, length.into()));
-            }
-            let is_entered =
-                vr == *b"SQ" || is_item && !is_pixels || vr == [0; 2] && self.begins_with_item(length)?;
-            if is_entered {
-                continue;
-            }
-            if tag == Tag(0x0002, 0x0010) {
-                let mut text = vec![0; length as usize];
-                self.from.read_exact(&mut text)?;
-                self.syntax = String::from_utf8_lossy(&text).trim_end_matches(['\0', ' ']).to_owned();
-            } else {
-                self.from.seek_relative(i64::from(length))?;
-            }
-            self.at += u64::from(length);
-        }
-        Ok(())
-    }
-
-    /// Whether a value of implicit VR is a sequence.
-    fn begins_with_item(&mut self, length: u32) -> Result<bool, Fault> {
-        if length < 8 {
-            return Ok(false);
-        }
-        let mut first = [0; 4];
-        self.from.read_exact(&mut first)?;
-        self.from.seek_relative(-4)?;
-        Ok(first == [0xfe, 0xff, 0x00, 0xe0])
-    }
-
-    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
-        let mut bytes = [0; N];
-        self.from.read_exact(&mut bytes)?;
-        self.at += N as u64;
-        Ok(bytes)
-    }
+    padded
 }

@@ -60,7 +60,7 @@ pub enum DicomProblem {
     NoSeries,
     /// Several series, and no choice.
     #[error(
-        "holds several series; set images.ct_series in the case to the UID of one of them: {}",
+        "holds several series; choose one by its UID, as images.ct_series in the case or --ct-series where a case is made: {}",
         list(found)
     )]
     SeveralSeries {

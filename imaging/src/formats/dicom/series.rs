@@ -8,10 +8,10 @@ use rayon::prelude::*;
 
 use super::super::{Image, Placement, Provenance, ReadWarning};
 use super::header::{Found, Header, dicom_files, open};
-use super::pixels::{frame_bytes, numbers};
+use super::lengths::PlainPixels;
+use super::pixels::{frame_bytes, grey_values, read_plain};
 use super::problem::{DicomProblem, SeriesFound};
 use super::stack::Stack;
-use crate::resample::AIR_HU;
 
 /// Reads the series in a folder, or the frames of a file; `chosen` is a SeriesInstanceUID.
 ///
@@ -86,30 +86,34 @@ fn pixels(headers: &[Header], stack: &Stack) -> Result<(Vec<f32>, u64), DicomPro
     // no header alone makes this large
     check_sizes(headers, slice)?;
     let mut values = vec![0f32; slice * slices];
-    let mut parts: Vec<Vec<(usize, &mut [f32])>> = headers.iter().map(|_| Vec::new()).collect();
+    let mut plain: Vec<(&Header, PlainPixels, usize, &mut [f32])> = Vec::new();
+    let mut decoded: Vec<Vec<(usize, &mut [f32])>> = headers.iter().map(|_| Vec::new()).collect();
     for (part, (file, frame)) in values.chunks_exact_mut(slice).zip(&stack.slices) {
-        if let Some(of_file) = parts.get_mut(*file) {
-            of_file.push((*frame, part));
+        let Some(header) = headers.get(*file) else { continue };
+        match (header.plain, decoded.get_mut(*file)) {
+            (Some(place), _) => plain.push((header, place, *frame, part)),
+            (None, Some(of_file)) => of_file.push((*frame, part)),
+            (None, None) => {}
         }
     }
-    let fill = |(header, frames): (&Header, Vec<(usize, &mut [f32])>)| -> Result<u64, DicomProblem> {
+    let read = |(header, place, frame, part): (&Header, PlainPixels, usize, &mut [f32])| {
+        cancel::poll();
+        read_plain(header, place, frame, part)
+    };
+    let decode = |(header, frames): (&Header, Vec<(usize, &mut [f32])>)| -> Result<u64, DicomProblem> {
         cancel::poll();
         let object = open(&header.path, true)?;
         let mut padded = 0;
         for (frame, part) in frames {
             let bytes = frame_bytes(&object, header, frame)?;
             let rescale = header.frames.get(frame).and_then(|f| f.rescale);
-            let [slope, intercept] = rescale.unwrap_or([1.0, 0.0]);
-            for (value, number) in part.iter_mut().zip(numbers(&bytes, &header.pixels)) {
-                let is_padding =
-                    header.pixels.padding.is_some_and(|[first, last]| (first..=last).contains(&number));
-                padded += u64::from(is_padding);
-                *value = if is_padding { AIR_HU } else { (slope * number as f64 + intercept) as f32 };
-            }
+            padded += grey_values(&bytes, &header.pixels, rescale, part);
         }
         Ok(padded)
     };
-    let padded = headers.par_iter().zip(parts).map(fill).collect::<Result<Vec<_>, _>>()?;
+    let mut padded = plain.into_par_iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let compressed = headers.par_iter().zip(decoded).filter(|(_, frames)| !frames.is_empty());
+    padded.extend(compressed.map(decode).collect::<Result<Vec<_>, _>>()?);
     Ok((values, padded.iter().sum()))
 }
 

@@ -8,7 +8,7 @@
 //! The lengths of the sform's columns and pixdim state the voxels' size twice. Where the two put a corner of the volume more
 //! than that far apart, one of them is wrong, whether or not a qform is set, and the case must choose the sform to keep it.
 //!
-//! A qform stores b, c, d of its quaternion in single precision and leaves out a = √(1 − b² − c² − d²). Close to a half
+//! A qform stores b, c, d of its quaternion in single precision (in NIfTI-2 in double, but often made of NIfTI-1's) and leaves out a = √(1 − b² − c² − d²). Close to a half
 //! turn the rounding of b, c, d alone changes a by up to 10⁻³, which moves a corner of a large scan by a third of a voxel.
 //! A difference from the sform that this rounding can explain is not counted as a disagreement.
 //!
@@ -18,9 +18,9 @@ use std::fmt;
 
 use bonemill_geometry::{Ct, Grid};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
-use nifti::NiftiHeader;
 
 use super::super::straight::{Affine, DISAGREEMENT_LIMIT_VOXELS};
+use super::fields::Fields;
 use super::problem::NiftiProblem;
 
 /// The most by which rounding b, c, d to single precision changes b² + c² + d², with a margin for writers that also
@@ -62,9 +62,9 @@ pub struct AffineReport {
     /// The transform used.
     pub source: AffineSource,
     /// `sform_code`; 0 is unset.
-    pub sform_code: i16,
+    pub sform_code: i32,
     /// `qform_code`; 0 is unset.
-    pub qform_code: i16,
+    pub qform_code: i32,
     /// Largest distance between a corner's positions by sform and by qform, in units of the smallest voxel spacing; `None`
     /// unless both are set and possible.
     pub disagreement_voxels: Option<f64>,
@@ -87,7 +87,7 @@ impl fmt::Display for AffineReport {
 /// # Errors
 /// A [`NiftiProblem`] for each refusal that the module describes.
 pub(crate) fn grid_from_header(
-    header: &NiftiHeader,
+    header: &Fields,
     dims: [usize; 3],
     mm_per_unit: f64,
     choice: AffineChoice,
@@ -127,12 +127,12 @@ pub(crate) fn grid_from_header(
 
 /// Refuses voxel sizes that contradict pixdim: a qform's are pixdim itself, a sform's are the lengths of its columns.
 fn check_sizes(
-    header: &NiftiHeader,
+    header: &Fields,
     placement: &Affine,
     dims: [usize; 3],
     mm_per_unit: f64,
 ) -> Result<(), NiftiProblem> {
-    let pixdim_mm = Vector3::from_fn(|a, _| f64::from(header.pixdim[a + 1]) * mm_per_unit);
+    let pixdim_mm = Vector3::from_fn(|a, _| header.pixdim[a + 1] * mm_per_unit);
     let affine_mm = placement.spacing_mm();
     let scale = Matrix3::from_diagonal(&pixdim_mm.component_div(&affine_mm));
     let by_pixdim = Affine { linear: placement.linear * scale, offset: placement.offset };
@@ -145,7 +145,7 @@ fn check_sizes(
     Err(NiftiProblem::VoxelSizes { affine_mm: affine_mm.into(), pixdim_mm: pixdim_mm.into(), voxels, limit })
 }
 
-fn chosen(choice: AffineChoice, sform_code: i16, qform_code: i16) -> Result<AffineSource, NiftiProblem> {
+fn chosen(choice: AffineChoice, sform_code: i32, qform_code: i32) -> Result<AffineSource, NiftiProblem> {
     let set = |wanted, code| match code {
         1.. => Ok(wanted),
         _ => Err(NiftiProblem::TransformUnset { wanted, sform_code, qform_code }),
@@ -159,14 +159,14 @@ fn chosen(choice: AffineChoice, sform_code: i16, qform_code: i16) -> Result<Affi
     }
 }
 
-fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Affine, NiftiProblem> {
-    let rows = [header.srow_x, header.srow_y, header.srow_z];
+fn sform(header: &Fields, mm_per_unit: f64) -> Result<Affine, NiftiProblem> {
+    let rows = header.srow;
     if rows.iter().flatten().any(|v| !v.is_finite()) {
         return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Sform });
     }
     Ok(Affine {
-        linear: Matrix3::from_fn(|r, c| f64::from(rows[r][c]) * mm_per_unit),
-        offset: Vector3::from_fn(|r, _| f64::from(rows[r][3]) * mm_per_unit),
+        linear: Matrix3::from_fn(|r, c| rows[r][c] * mm_per_unit),
+        offset: Vector3::from_fn(|r, _| rows[r][3] * mm_per_unit),
     })
 }
 
@@ -179,11 +179,10 @@ fn real_part(axes: &Matrix3<f64>) -> f64 {
 
 /// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. b, c and d are rounded, so a
 /// is known only within a range; if `real_part` is given, the value of that range nearest to it is taken.
-fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Affine, NiftiProblem> {
-    let vector = Vector3::new(header.quatern_b, header.quatern_c, header.quatern_d).map(f64::from);
-    let offset = Vector3::new(header.quatern_x, header.quatern_y, header.quatern_z).map(f64::from);
-    let pixdim: [f32; 3] = std::array::from_fn(|a| header.pixdim[a + 1]);
-    let size = Vector3::from(pixdim).map(f64::from);
+fn qform(header: &Fields, mm_per_unit: f64, real_part: Option<f64>) -> Result<Affine, NiftiProblem> {
+    let (vector, offset) = (Vector3::from(header.quaternion), Vector3::from(header.qoffset));
+    let pixdim: [f64; 3] = std::array::from_fn(|a| header.pixdim[a + 1]);
+    let size = Vector3::from(pixdim);
     if !vector.iter().chain(&offset).chain(&size).all(|v| v.is_finite()) || header.pixdim[0].is_nan() {
         return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Qform });
     }

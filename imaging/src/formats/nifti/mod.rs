@@ -1,4 +1,4 @@
-//! NIfTI-1: one file, plain or gzip, or a header (.hdr) with its voxels beside it (.img).
+//! NIfTI-1 and NIfTI-2: one file, plain or gzip, or a header (.hdr) with its voxels beside it (.img).
 //!
 //! The file is streamed: it is decompressed piece by piece and converted in place, so that little more than the result
 //! is ever in memory, and a header that announces more than the file can hold is refused before anything is
@@ -6,6 +6,7 @@
 //! what the header announces is found there.
 
 mod affine;
+mod fields;
 mod header;
 mod names;
 mod problem;
@@ -22,7 +23,8 @@ use super::{Image, Placement, Provenance, ReadWarning};
 
 use affine::grid_from_header;
 pub use affine::{AffineChoice, AffineReport, AffineSource};
-use header::{HEADER_BYTES, Layout, parse};
+use fields::{Fields, HEADER_BYTES, Version};
+use header::{Layout, layout};
 pub(super) use names::names;
 pub use problem::NiftiProblem;
 
@@ -39,10 +41,14 @@ pub(super) fn read<T: Voxel>(
     choice: AffineChoice,
     faulty: impl Fn([usize; 3], Faults) -> NiftiProblem,
 ) -> Result<(Image<T>, Vec<u8>), NiftiProblem> {
-    let ImageSource { path, head, mut rest, mut extent } = source;
-    let bytes: &[u8; HEADER_BYTES] =
-        head.first_chunk().ok_or(NiftiProblem::NoHeader { found_bytes: head.len() })?;
-    let (header, layout, mut warnings) = parse(bytes)?;
+    let ImageSource { path, mut head, mut rest, mut extent } = source;
+    let short = |found_bytes, expected_bytes| NiftiProblem::NoHeader { found_bytes, expected_bytes };
+    let first: &[u8; HEADER_BYTES] = head.first_chunk().ok_or(short(head.len(), HEADER_BYTES))?;
+    let (version, is_big) = Version::of(first)?;
+    let more = version.header_bytes - HEADER_BYTES;
+    rest.as_mut().take(more as u64).read_to_end(&mut head)?;
+    let header = Fields::of(&head, version, is_big)?;
+    let (layout, mut warnings) = layout(&header)?;
     let (grid, affine) = grid_from_header(&header, layout.dims, layout.mm_per_unit, choice)?;
     let mut files = vec![path];
     let mut left = layout.data_offset;
@@ -51,7 +57,7 @@ pub(super) fn read<T: Voxel>(
         files.push(image.path);
         (rest, extent) = (Box::new(Cursor::new(image.head).chain(image.rest)), image.extent);
     } else {
-        left -= HEADER_BYTES as u64;
+        left -= version.header_bytes as u64;
     }
     check_extent(&extent, &layout)?;
 

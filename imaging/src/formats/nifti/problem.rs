@@ -18,27 +18,32 @@ pub enum NiftiProblem {
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
     /// The file ends inside the header.
-    #[error("ends after {found_bytes} bytes; expected a NIfTI-1 header of 348 bytes")]
+    #[error("ends after {found_bytes} bytes; expected a NIfTI header of {expected_bytes} bytes")]
     NoHeader {
         /// Bytes in the file, decompressed.
         found_bytes: usize,
+        /// Bytes of the header.
+        expected_bytes: usize,
     },
     /// The header's size field is that of no NIfTI file.
-    #[error("is not NIfTI-1: the header's first number is {sizeof_hdr}, expected 348")]
+    #[error(
+        "is not NIfTI: the header's first number is {sizeof_hdr}, expected 348 (NIfTI-1) or 540 (NIfTI-2)"
+    )]
     NotNifti {
         /// The field, little endian.
         sizeof_hdr: i32,
     },
-    /// A NIfTI-2 file.
-    #[error(
-        "is NIfTI-2; expected NIfTI-1 (save it from 3D Slicer as .nii.gz, or convert it with nibabel's Nifti1Image.from_image)"
-    )]
-    Nifti2,
     /// The magic is wrong.
-    #[error("is not NIfTI-1: magic {:?}, expected \"n+1\\0\"", String::from_utf8_lossy(found))]
+    #[error(
+        "is not NIfTI: magic {:?}, expected {:?}",
+        String::from_utf8_lossy(found),
+        String::from_utf8_lossy(expected)
+    )]
     Magic {
-        /// The four bytes.
-        found: [u8; 4],
+        /// The bytes there.
+        found: Vec<u8>,
+        /// Those of a single file of its version.
+        expected: &'static [u8],
     },
     /// The file is the header of a two-file image, and the other file cannot be read.
     #[error("is the header of a .hdr/.img pair, whose voxels in {} cannot be read: {error}", path.display())]
@@ -52,13 +57,13 @@ pub enum NiftiProblem {
     #[error("dim {dim:?}: expected 1 to 7 dimensions (first number), each at least 1")]
     Dims {
         /// `dim` as stored.
-        dim: [i16; 8],
+        dim: [i64; 8],
     },
     /// More than one volume.
     #[error("dim {dim:?}: {volumes} volumes in one file; expected one (cut out the one to plan on)")]
     Volumes {
         /// `dim` as stored.
-        dim: [i16; 8],
+        dim: [i64; 8],
         /// Product of the dimensions past the third.
         volumes: u64,
     },
@@ -91,18 +96,20 @@ pub enum NiftiProblem {
         expected: usize,
     },
     /// `vox_offset` is not a position behind the header.
-    #[error("vox_offset {vox_offset}: expected a whole number of bytes, at least 352")]
+    #[error("vox_offset {vox_offset}: expected a whole number of bytes, from {least} to 16777216")]
     VoxOffset {
         /// The field.
-        vox_offset: f32,
+        vox_offset: f64,
+        /// The first byte at which voxels may start.
+        least: usize,
     },
     /// Slope or intercept are not finite.
-    #[error("scl_slope {slope}, scl_inter {inter}: expected finite numbers (slope 0: no scaling)")]
+    #[error("scl_slope {}, scl_inter {}: expected finite numbers (slope 0: no scaling)", *slope as f32, *inter as f32)]
     Scaling {
         /// `scl_slope`.
-        slope: f32,
+        slope: f64,
         /// `scl_inter`.
-        inter: f32,
+        inter: f64,
     },
     /// The standard does not define this unit of length.
     #[error("unit of length {code} in xyzt_units; expected 0 (unknown: mm), 1 (m), 2 (mm) or 3 (µm)")]
@@ -162,9 +169,9 @@ pub enum NiftiProblem {
         /// The transform that was requested.
         wanted: AffineSource,
         /// `sform_code`.
-        sform_code: i16,
+        sform_code: i32,
         /// `qform_code`.
-        qform_code: i16,
+        qform_code: i32,
     },
     /// A transform holds NaN or infinity.
     #[error("the {which} holds a value that is not finite")]
@@ -174,13 +181,14 @@ pub enum NiftiProblem {
     },
     /// The qform's quaternion or voxel sizes are impossible.
     #[error(
-        "the qform is impossible: b² + c² + d² = {quaternion_square} (at most 1), pixdim {pixdim:?} (above 0)"
+        "the qform is impossible: b² + c² + d² = {quaternion_square} (at most 1), pixdim {} (above 0)",
+        size_text(pixdim)
     )]
     Qform {
         /// b² + c² + d².
         quaternion_square: f64,
         /// `pixdim[1..=3]`.
-        pixdim: [f32; 3],
+        pixdim: [f64; 3],
     },
     /// The axes do not span space.
     #[error(
@@ -224,9 +232,9 @@ pub enum NiftiProblem {
     )]
     Disagreement {
         /// `sform_code`.
-        sform_code: i16,
+        sform_code: i32,
         /// `qform_code`.
-        qform_code: i16,
+        qform_code: i32,
         /// Largest distance between a corner's two positions, in units of the smallest voxel spacing.
         voxels: f64,
         /// The limit.
@@ -274,7 +282,7 @@ pub enum NiftiProblem {
     },
 }
 
-/// In single precision, as the header stores it.
+/// In single precision, as most headers store it.
 fn size_text(mm: &[f64; 3]) -> String {
     mm.map(|mm| (mm as f32).to_string()).join(" × ")
 }

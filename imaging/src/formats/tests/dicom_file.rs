@@ -19,6 +19,8 @@ pub enum Value {
     Words(Vec<u16>),
     Bytes(Vec<u8>),
     Items(Vec<Dataset>),
+    /// The same, of undefined lengths.
+    OpenItems(Vec<Dataset>),
 }
 
 /// Elements by their tags.
@@ -57,6 +59,14 @@ fn encode(dataset: &Dataset, big: bool) -> Vec<u8> {
                 };
                 ("SQ", items.iter().flat_map(of_item).collect())
             }
+            Value::OpenItems(items) => {
+                let delimited = |item: &Dataset| {
+                    let open = [&short(0xfffe)[..], &short(0xe000), &[0xff; 4]].concat();
+                    [open, encode(item, big), [&short(0xfffe)[..], &short(0xe00d), &[0; 4]].concat()].concat()
+                };
+                let end = [&short(0xfffe)[..], &short(0xe0dd), &[0; 4]].concat();
+                ("SQ", [items.iter().flat_map(delimited).collect(), end].concat())
+            }
         };
         if bytes.len() % 2 == 1 {
             bytes.push(if vr == "UI" || vr == "OB" { 0 } else { b' ' });
@@ -65,7 +75,8 @@ fn encode(dataset: &Dataset, big: bool) -> Vec<u8> {
         out.extend(vr.bytes());
         if matches!(vr, "OW" | "OB" | "SQ") {
             out.extend([0, 0]);
-            out.extend(long(bytes.len()));
+            let is_open = matches!(value, Value::OpenItems(_));
+            out.extend(if is_open { [0xff; 4] } else { long(bytes.len()) });
         } else {
             out.extend(short(bytes.len() as u16));
         }

@@ -207,6 +207,44 @@ fn numbers_of_12_to_16_bits_are_read_in_both_byte_orders() {
     }
 }
 
+/// Pixels are read straight from the file: the walk that finds them must not take an icon's.
+#[test]
+fn pixels_are_those_of_the_image_and_not_of_its_icon() {
+    let icon: Dataset = vec![
+        ((0x28, 0x10), Value::Short(2)),
+        ((0x28, 0x11), Value::Short(3)),
+        ((0x7fe0, 0x10), Value::Words(vec![777; 6])),
+    ];
+    for items in [Value::Items(vec![icon.clone()]), Value::OpenItems(vec![icon.clone(), icon.clone()])] {
+        for syntax in [LITTLE, BIG] {
+            // before the pixels by its tag, and after them in a private group
+            for tag in [(0x0088, 0x0200), (0x7fe1, 0x1010)] {
+                let named = plain()
+                    .into_iter()
+                    .enumerate()
+                    .map(|(n, s)| (format!("IM{n}"), bytes(&with(s, vec![(tag, items.clone())]), syntax)));
+                let dir = folder(&named.collect::<Vec<_>>());
+                let image = read_ct(dir.path(), AUTO).unwrap();
+                assert_eq!(image.volume.data(), expected(), "{tag:?} {syntax}");
+            }
+        }
+    }
+}
+
+/// Scaling by whole numbers is exact in single precision; by others it is rounded once.
+#[test]
+fn grey_values_are_those_of_double_precision() {
+    for (slope, intercept) in
+        [(1.0, -1024.0), (1.0, 0.5), (0.3, -1000.1), (-2.0, 8_388_607.0), (1.0, 8_388_609.0)]
+    {
+        let rescale = vec![((0x28, 0x1052), numbers(&[intercept])), ((0x28, 0x1053), numbers(&[slope]))];
+        let image = read_files(&plain().into_iter().map(|s| with(s, rescale.clone())).collect::<Vec<_>>());
+        let scaled: Vec<f32> =
+            expected().iter().map(|n| (slope * f64::from(*n) + intercept) as f32).collect();
+        assert_eq!(image.unwrap().volume.data(), scaled, "{slope} {intercept}");
+    }
+}
+
 /// One file with three frames in any order, places and scaling in functional groups.
 fn enhanced(order: [u8; 3]) -> Dataset {
     let plane = |n: u8| numbers(&[10.0, -20.0, 2.0 * f64::from(n)]);
@@ -282,6 +320,38 @@ fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
     let dir = folder(&[("a".into(), file)]);
     let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
     assert!(said.contains("(0008,1150)"), "{said}");
+    // of a type that does not exist, which has four bytes of length: the first of its text are taken for one
+    let mut file = bytes(&plain()[0], LITTLE);
+    let at = file.windows(6).position(|w| w == *b"\x02\0\x10\0UI").unwrap() + 5;
+    file[at] = b'E';
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("(0002,0010)") && said.contains("announces 775040561 bytes"), "{said}");
+    // elements of the meta information behind its end, which are read as any other
+    let mut file = bytes(&plain()[0], "1.2.840.10008.1.2");
+    file[140..144].copy_from_slice(&60u32.to_le_bytes());
+    let dir = folder(&[("a".into(), file)]);
+    assert!(read_ct(dir.path(), AUTO).unwrap_err().to_string().contains("announces"), "cut meta information");
+    // an item in an item, which some take for an element: what follows would be read from other bytes
+    let item =
+        |inner: &[u8]| [&[0xfe, 0xff, 0x00, 0xe0][..], &(inner.len() as u32).to_le_bytes(), inner].concat();
+    let twice = item(&item(b"\x20\0\x32\0DS\x06\x001\\2\\4 "));
+    let (mut file, tail) = (bytes(&vec![], LITTLE), bytes(&plain()[0], LITTLE));
+    let meta = file.len();
+    file.extend(b"\x08\0\x05\0SQ\0\0");
+    file.extend((twice.len() as u32).to_le_bytes());
+    file.extend(twice);
+    file.extend(&tail[meta..]);
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("a sequence is broken before byte"), "{said}");
+    // half a number, of which some leave a byte for what follows
+    let mut file = bytes(&plain()[0], LITTLE);
+    let at = file.windows(6).position(|w| w == *b"\x28\0\0\x01US").unwrap() + 6;
+    file[at] = 3;
+    let dir = folder(&[("a".into(), file)]);
+    let said = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(said.contains("(0028,0100) has 3 bytes, no whole number of values"), "{said}");
     // large sizes with few bytes
     let size = vec![((0x28, 0x10), Value::Short(65535)), ((0x28, 0x11), Value::Short(65535))];
     let large = with(plain()[0].clone(), size);

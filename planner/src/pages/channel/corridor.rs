@@ -1,4 +1,4 @@
-//! The corridor of a channel over sections of the images, as SVG with each image inlined as PNG.
+//! The corridor of a channel as SVG, over sections of the images as inlined PNG or without them.
 
 use bonemill_planfile::page;
 use std::fmt::Write;
@@ -7,6 +7,7 @@ use base64::Engine;
 use bonemill_channel::ChannelPlan;
 use bonemill_channel::section::Section;
 
+use crate::pages::report::CtSlices;
 use crate::pages::show::{CUT_COLOUR, STRUCTURE_COLOURS, css};
 
 /// HU shown as black and as white.
@@ -17,11 +18,11 @@ const PIECES: usize = 40;
 const TINT: f32 = 0.65;
 
 /// One figure per section.
-pub fn figures(plan: &ChannelPlan) -> String {
-    plan.sections.iter().enumerate().map(|(n, section)| figure(plan, section, n)).collect()
+pub fn figures(plan: &ChannelPlan, ct_slices: CtSlices) -> String {
+    plan.sections.iter().enumerate().map(|(n, section)| figure(plan, section, n, ct_slices)).collect()
 }
 
-fn figure(plan: &ChannelPlan, section: &Section, number: usize) -> String {
+fn figure(plan: &ChannelPlan, section: &Section, number: usize, ct_slices: CtSlices) -> String {
     let caption = match section.across_at_mm {
         Some(mm) => format!("Across the channel at a depth of {mm:.1}\u{a0}mm, seen from outside"),
         None if number == 0 => {
@@ -34,10 +35,15 @@ fn figure(plan: &ChannelPlan, section: &Section, number: usize) -> String {
     let (left, top) = (section.left_mm - half, section.top_mm - half);
     let mut svg = format!(
         "<figure class=\"slice\"><figcaption>{caption}</figcaption>\
-         <svg viewBox=\"{left:.2} {top:.2} {width:.2} {height:.2}\" role=\"img\" aria-label=\"{caption}\">\
-         <image x=\"{left:.2}\" y=\"{top:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" preserveAspectRatio=\"none\" href=\"data:image/png;base64,{}\"/>",
-        base64::engine::general_purpose::STANDARD.encode(png(section)),
+         <svg viewBox=\"{left:.2} {top:.2} {width:.2} {height:.2}\" role=\"img\" aria-label=\"{caption}\">",
     );
+    if ct_slices == CtSlices::Shown {
+        let _ = write!(
+            svg,
+            "<image x=\"{left:.2}\" y=\"{top:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" preserveAspectRatio=\"none\" href=\"data:image/png;base64,{}\"/>",
+            base64::engine::general_purpose::STANDARD.encode(png(section)),
+        );
+    }
     let colour = css(CUT_COLOUR);
     let r = plan.record.radius_mm;
     let margin = r + needed_mm(plan);

@@ -12,19 +12,21 @@ use bonemill_channel::{ChannelPlan, deepest_waypoint};
 use bonemill_planfile::{PlungeRow, ReportPart};
 
 use crate::pages::report::chart::{Series, chart_over};
-use crate::pages::report::{escape, frame};
+use crate::pages::report::{CtSlices, escape, frame};
 use crate::pages::show::{STRUCTURE_COLOURS, css};
 
 /// The whole page.
-pub fn html(plan: &ChannelPlan) -> String {
+pub fn html(plan: &ChannelPlan, ct_slices: CtSlices) -> String {
     let reams = plan.setup.case.job.channel().is_some_and(|channel| channel.pattern == Pattern::Ream);
     let title = if reams { "Reaming plan" } else { "Channel plan" };
     let mut page = frame::head(title, &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
     page.push_str(&ReportPart::Verification.marks().concat());
-    page.push_str("<h2>The corridor in the images</h2>");
-    page.push_str(&legend(plan));
-    let _ = write!(page, "<div class=\"slices\">{}</div>", corridor::figures(plan));
+    let is_shown = ct_slices == CtSlices::Shown;
+    page.push_str(if is_shown { "<h2>The corridor in the images</h2>" } else { "<h2>The corridor</h2>" });
+    page.push_str(&legend(plan, ct_slices));
+    let _ = write!(page, "<div class=\"slices\">{}</div>", corridor::figures(plan, ct_slices));
+    page.push_str(ct_slices.note());
     page.push_str("<h2>What the tool feels over depth</h2>");
     page.push_str(&charts(plan));
     page.push_str(&ReportPart::Simulation.marks().concat());
@@ -79,13 +81,14 @@ fn probability(p: f64) -> String {
     if p >= 1e-3 || p == 0.0 { format!("{:.2} %", 100.0 * p) } else { format!("{p:.1e}") }
 }
 
-fn legend(plan: &ChannelPlan) -> String {
+fn legend(plan: &ChannelPlan, ct_slices: CtSlices) -> String {
     let chip = |n: usize, name: &str| {
         let colour = css(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()]);
         format!("<span class=\"chip\"><i style=\"background:{colour}\"></i>{}</span>", escape(name))
     };
-    let structures: String =
-        plan.setup.case.structures.iter().enumerate().map(|(n, s)| chip(n, &s.name)).collect();
+    // only where their voxels are tinted
+    let tinted = plan.setup.case.structures.iter().enumerate().filter(|_| ct_slices == CtSlices::Shown);
+    let structures: String = tinted.map(|(n, s)| chip(n, &s.name)).collect();
     format!(
         "<p class=\"legend\">{structures}Red: what the tool sweeps. Dashed: the margin around it that the registration's error needs at \
          the allowed probability of touching. The entry is at depth 0.</p>"

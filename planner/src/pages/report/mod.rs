@@ -32,15 +32,41 @@ pub(crate) use bonemill_planfile::page::escape;
 use bonemill_planfile::{ReportPart, Waypoint};
 use bonemill_toolpath::orientation::OpenAround;
 
+/// Whether a report holds grey values of the CT: it may go where the scan may not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CtSlices {
+    /// Slices about the target, with structures tinted.
+    Shown,
+    /// The path alone.
+    LeftOut,
+}
+
+impl CtSlices {
+    /// What the page says about it.
+    pub(crate) fn note(self) -> &'static str {
+        match self {
+            Self::Shown => {
+                "<p class=\"note\">The pictures hold parts of the patient's scan: grey values of the CT about the target, −1000 to 2000\u{a0}HU in 256 \
+                 steps, tinted where structures lie. Whoever gets this page gets them. <code>--no-slices</code> leaves them out.</p>"
+            }
+            Self::LeftOut => {
+                "<p class=\"note\">The slices of the CT are left out (<code>--no-slices</code>): this page holds no grey values of the scan and no outlines of structures.</p>"
+            }
+        }
+    }
+}
+
 /// The whole page.
-pub fn html(plan: &Plan) -> String {
+pub fn html(plan: &Plan, ct_slices: CtSlices) -> String {
     let mut page = frame::head("Milling plan", &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
     page.push_str(terms::TERMS);
     page.push_str(&ReportPart::Verification.marks().concat());
-    page.push_str("<h2>Path over the CT</h2>");
-    page.push_str(&legend(plan));
-    let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
+    let is_shown = ct_slices == CtSlices::Shown;
+    page.push_str(if is_shown { "<h2>Path over the CT</h2>" } else { "<h2>Path</h2>" });
+    page.push_str(&legend(plan, ct_slices));
+    let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan, ct_slices));
+    page.push_str(ct_slices.note());
     page.push_str("<h2>Along the path</h2>");
     if let Some(peak) = Peak::of(&plan.moves.waypoints) {
         let _ = write!(page, "<p>{}</p>", peak.sentence(&plan.moves.waypoints));
@@ -121,21 +147,18 @@ fn closest_and_tightest<'a>(
     [closest, margins.min_by(|a, b| a.0.total_cmp(&b.0))]
 }
 
-fn legend(plan: &Plan) -> String {
+fn legend(plan: &Plan, ct_slices: CtSlices) -> String {
     let chip = |colour: [u8; 3], name: &str| {
         format!("<span class=\"chip\"><i style=\"background:{}\"></i>{}</span>", css(colour), escape(name))
     };
-    let structures: String = plan
-        .setup
-        .case
-        .structures
-        .iter()
-        .enumerate()
-        .map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name))
-        .collect();
+    let structures = plan.setup.case.structures.iter().enumerate();
+    let structures = structures.map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name));
+    let tints = match ct_slices {
+        CtSlices::Shown => [chip(TARGET_COLOUR, "target")].into_iter().chain(structures).collect(),
+        CtSlices::LeftOut => String::new(),
+    };
     format!(
-        "<p class=\"legend\">{}{structures}{}{}Letters: the patient's right, left, anterior, posterior, superior, inferior.</p>",
-        chip(TARGET_COLOUR, "target"),
+        "<p class=\"legend\">{tints}{}{}Letters: the patient's right, left, anterior, posterior, superior, inferior.</p>",
         chip(CUT_COLOUR, "cuts within half a layer of the slice"),
         chip(LINK_COLOUR, "links and retracts (dashed), in the same range"),
     )

@@ -1,4 +1,4 @@
-//! The path over the CT in three planes through the target, as SVG with the image inlined as PNG.
+//! The path in three planes through the target, as SVG, over the CT as an inlined PNG or without it.
 
 use bonemill_planfile::page;
 use std::fmt::Write;
@@ -10,6 +10,7 @@ use bonemill_pipeline::Plan;
 use bonemill_toolpath::scene::{Class, Scene};
 use nalgebra::Vector3;
 
+use super::CtSlices;
 use crate::pages::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
 
 /// HU shown as black and as white.
@@ -33,11 +34,11 @@ const PLANES: [Plane; 3] = [
 ];
 
 /// The three figures.
-pub fn slices(plan: &Plan) -> String {
-    PLANES.iter().map(|plane| figure(plan, plane)).collect()
+pub fn slices(plan: &Plan, ct_slices: CtSlices) -> String {
+    PLANES.iter().map(|plane| figure(plan, plane, ct_slices)).collect()
 }
 
-fn figure(plan: &Plan, plane: &Plane) -> String {
+fn figure(plan: &Plan, plane: &Plane, ct_slices: CtSlices) -> String {
     let scene = &plan.setup.scene;
     let grid = scene.class.grid();
     let h = grid.spacing_mm().x;
@@ -47,16 +48,21 @@ fn figure(plan: &Plan, plane: &Plane) -> String {
     let (width, height) = (dims[plane.right], dims[plane.up]);
     let mut svg = format!(
         "<figure class=\"slice\"><figcaption>{} {:.1}\u{a0}mm</figcaption>\
-         <svg viewBox=\"0 0 {:.2} {:.2}\" role=\"img\" aria-label=\"CT slice with path\">\
-         <image width=\"{:.2}\" height=\"{:.2}\" preserveAspectRatio=\"none\" style=\"image-rendering:auto\" href=\"data:image/png;base64,{}\"/>",
+         <svg viewBox=\"0 0 {:.2} {:.2}\" role=\"img\" aria-label=\"Path in a plane\">",
         plane.name,
         cut as f64 * h,
         width as f64 * h,
         height as f64 * h,
-        width as f64 * h,
-        height as f64 * h,
-        base64::engine::general_purpose::STANDARD.encode(png(scene, plane, cut)),
     );
+    if ct_slices == CtSlices::Shown {
+        let _ = write!(
+            svg,
+            "<image width=\"{:.2}\" height=\"{:.2}\" preserveAspectRatio=\"none\" style=\"image-rendering:auto\" href=\"data:image/png;base64,{}\"/>",
+            width as f64 * h,
+            height as f64 * h,
+            base64::engine::general_purpose::STANDARD.encode(png(scene, plane, cut)),
+        );
+    }
     svg.push_str(&path_near(plan, plane, cut as f64 * h, height as f64 * h));
     svg.push_str(&sides(plan, plane, [width as f64 * h, height as f64 * h]));
     svg + "</svg></figure>"

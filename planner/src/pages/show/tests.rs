@@ -8,6 +8,7 @@ use bonemill_imaging::{PHANTOM_CASE_FILE, write_phantom};
 use bonemill_planfile::{Need, Replace, StagedDirectory};
 
 use super::*;
+use crate::pages::report::CtSlices;
 
 struct Silent;
 impl Progress for Silent {
@@ -27,7 +28,7 @@ fn small_plan(dir: &Path) -> PathBuf {
     let case = Case::parse(&std::fs::read_to_string(&case_path).unwrap(), &case_path).unwrap();
     let plan = bonemill_pipeline::plan(&case, &case_path, &Silent).unwrap();
     let staged = StagedDirectory::create(&dir.join("plan"), Replace::Nothing).unwrap();
-    crate::pages::save::plan(&plan, &case_path, &staged).unwrap();
+    crate::pages::save::plan(&plan, &case_path, &staged, CtSlices::Shown).unwrap();
     staged.commit().unwrap()
 }
 
@@ -40,7 +41,7 @@ fn channel_plan(dir: &Path) -> PathBuf {
     let case = Case::parse(&std::fs::read_to_string(&case_path).unwrap(), &case_path).unwrap();
     let plan = bonemill_channel::plan(&case, case.job.channel().unwrap(), &case_path, &Silent).unwrap();
     let staged = StagedDirectory::create(&dir.join("plan"), Replace::Nothing).unwrap();
-    crate::pages::save::channel(&plan, &case_path, &staged).unwrap();
+    crate::pages::save::channel(&plan, &case_path, &staged, CtSlices::Shown).unwrap();
     staged.commit().unwrap()
 }
 

@@ -50,8 +50,8 @@ pub(super) fn format(path: &Path) -> Result<Option<&'static str>, VerifyError> {
         Some("a DICOM file")
     } else if ["ObjectType", "NDims", "Comment"].iter().any(|key| first.starts_with(key.as_bytes())) {
         Some("a MetaImage file")
-    } else if first.get(344..) == Some(b"ni1\0") {
-        Some("a NIfTI-1 pair of files")
+    } else if first.get(344..) == Some(b"ni1\0") || first.get(4..8) == Some(b"ni2\0") {
+        Some("a NIfTI pair of files")
     } else {
         None
     })
