@@ -1,0 +1,190 @@
+//! A UR's links and handpiece as capsules, how far they can move, and which pairs of links can meet.
+
+use bonemill_arm::arm::{InverseKind, Mount};
+use bonemill_arm::ur::links::LINK_NAMES;
+use bonemill_arm::ur::{UrGeometry, UrModel};
+use bonemill_arm::Arm;
+use bonemill_geometry::{Base, Capsule, Link, Point, Rigid};
+use nalgebra::Vector3;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::{RngCore, SeedableRng};
+
+/// Links: the base, those of the six joints, and the handpiece, which moves with the last.
+pub const LINKS: usize = 8;
+/// The handpiece's place among the links.
+pub const HANDPIECE: usize = 7;
+/// Random postures by which pairs that are always near each other are found.
+const POSTURES: usize = 2000;
+
+/// A joint vector of a UR.
+pub(super) type Joints = [f64; 6];
+
+/// The name of a link.
+pub fn link_name(link: usize) -> &'static str {
+    LINK_NAMES.get(link).copied().unwrap_or("handpiece")
+}
+
+/// A handpiece as capsules in the tool's frame: origin at the burr's centre, z along the shaft.
+pub type Handpiece = Vec<Capsule<bonemill_geometry::Tool>>;
+
+/// The links of an arm.
+#[derive(Debug, Clone)]
+pub struct ArmLinks {
+    geometry: UrGeometry,
+    capsules: [Vec<Capsule<Link>>; LINKS],
+    /// A ball about each link's capsules: its centre in the link's frame, its radius in mm.
+    balls: [(Point<Link>, f64); LINKS],
+    /// Bound on the distance of a link's points from a joint's axis, mm, by link and joint; 0 for joints that do not move it.
+    reach_mm: [[f64; 6]; LINKS],
+    /// Pairs of links that can meet.
+    pub(super) pairs: Vec<(usize, usize)>,
+    /// Pairs whose capsules are always within the clearance, though they are no neighbours.
+    pub(super) always_near: Vec<(usize, usize)>,
+    /// By how much links of a calibrated arm are elsewhere, mm.
+    pub(super) allowance_mm: f64,
+}
+
+/// Links where they are.
+pub(super) struct PlacedLinks<'a> {
+    links: &'a ArmLinks,
+    poses: [Rigid<Base, Link>; 7],
+    balls: [Point<Base>; LINKS],
+}
+
+impl ArmLinks {
+    /// The links of a UR; `None` for an arm whose shapes are not known, or that holds no tool.
+    pub fn of(arm: &Arm, handpiece: &Handpiece, clearance_mm: f64) -> Option<Self> {
+        let (InverseKind::Ur { geometry, calibrated }, Mount::Tool(mount)) = (arm.inverse_kind(), arm.mount()) else {
+            return None;
+        };
+        let model = UrModel::ALL.into_iter().find(|model| model.geometry() == geometry)?;
+        let shapes = model.link_capsules();
+        let flange_from_link = Rigid::<Link, Link>::new(nalgebra::Rotation3::identity(), Vector3::new(0.0, 0.0, geometry.d6_mm));
+        let link_from_burr = flange_from_link
+            * Rigid::<Link, bonemill_geometry::Tool>::new(
+                mount.flange_from_burr.rotation,
+                mount.flange_from_burr.translation_mm,
+            );
+        let capsules: [Vec<Capsule<Link>>; LINKS] = std::array::from_fn(|link| match shapes.get(link) {
+            Some(capsules) => capsules.to_vec(),
+            None => handpiece.iter().map(|capsule| capsule.moved(&link_from_burr)).collect(),
+        });
+        let balls = std::array::from_fn(|link| ball(&capsules[link]));
+        let mut links = Self {
+            geometry,
+            reach_mm: reach_mm(&geometry, &capsules),
+            capsules,
+            balls,
+            pairs: vec![],
+            always_near: vec![],
+            allowance_mm: if calibrated { deviation_mm(arm, &geometry) } else { 0.0 },
+        };
+        links.find_pairs(clearance_mm);
+        Some(links)
+    }
+
+    pub(super) fn place(&self, q: &Joints) -> PlacedLinks<'_> {
+        let poses = self.geometry.link_poses(q);
+        let balls = std::array::from_fn(|link| poses[link.min(6)] * self.balls[link].0);
+        PlacedLinks { links: self, poses, balls }
+    }
+
+    /// The most that any point of a link moves between two joint vectors, mm: Σ |Δqⱼ| Rⱼ.
+    pub(super) fn most_moved_mm(&self, link: usize, from: &Joints, to: &Joints) -> f64 {
+        let turns = from.iter().zip(to).map(|(a, b)| (a - b).abs());
+        turns.zip(&self.reach_mm[link]).map(|(turn, reach)| turn * reach).sum()
+    }
+
+    /// Sorts the pairs of links that are no neighbours: those whose capsules are within the clearance in every one of many
+    /// random postures always are, because their capsules are larger than they; the others are kept apart.
+    fn find_pairs(&mut self, clearance_mm: f64) {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(49);
+        let mut angle = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 * std::f64::consts::TAU;
+        let postures: Vec<Joints> = (0..POSTURES).map(|_| std::array::from_fn(|_| angle())).collect();
+        let is_apart = |i: usize, k: usize| {
+            postures.iter().any(|q| self.place(q).between_mm(i, k, f64::INFINITY) >= clearance_mm)
+        };
+        let possible = (0..LINKS).flat_map(|i| (i + 2..LINKS).map(move |k| (i, k)));
+        let possible = possible.filter(|(_, k)| !self.capsules[*k].is_empty());
+        let (pairs, near) = possible.partition(|(i, k)| is_apart(*i, *k));
+        (self.pairs, self.always_near) = (pairs, near);
+    }
+}
+
+impl PlacedLinks<'_> {
+    /// The capsules of a link.
+    pub fn capsules(&self, link: usize) -> impl Iterator<Item = Capsule<Base>> {
+        let pose = self.poses[link.min(6)];
+        self.links.capsules[link].iter().map(move |capsule| capsule.moved(&pose))
+    }
+
+    /// A ball that holds a link: its centre and its radius, mm.
+    pub fn ball(&self, link: usize) -> (Point<Base>, f64) {
+        (self.balls[link], self.links.balls[link].1)
+    }
+
+    /// The distance between two links, mm, or `cap_mm` where they are surely farther apart.
+    pub fn between_mm(&self, a: usize, b: usize, cap_mm: f64) -> f64 {
+        let ((at, radius_mm), (other, other_mm)) = (self.ball(a), self.ball(b));
+        if at.distance_mm(&other) - radius_mm - other_mm >= cap_mm {
+            return cap_mm;
+        }
+        let pairs = self.capsules(a).flat_map(|one| self.capsules(b).map(move |two| one.to_capsule_mm(&two)));
+        pairs.fold(cap_mm, f64::min)
+    }
+}
+
+/// A ball about capsules: about the middle of their bounding box.
+fn ball(capsules: &[Capsule<Link>]) -> (Point<Link>, f64) {
+    let ends = || capsules.iter().flat_map(|c| [(c.from.coords, c.radius_mm), (c.to.coords, c.radius_mm)]);
+    let first = capsules.first().map_or(Vector3::zeros(), |c| c.from.coords);
+    let low = ends().fold(first, |low, (p, r)| low.inf(&p.map(|x| x - r)));
+    let high = ends().fold(first, |high, (p, r)| high.sup(&p.map(|x| x + r)));
+    let middle = 0.5 * (low + high);
+    (Point::from_coords(middle), ends().map(|(p, r)| (p - middle).norm() + r).fold(0.0, f64::max))
+}
+
+/// Bounds on the distance of each link's points from each joint's axis, mm.
+///
+/// R of a joint's own link is the largest distance of a point from the link's z axis. For a link further out, with oⱼ the origins
+/// of the frames: the part of oⱼ₊₁ − oⱼ that is perpendicular to the joint's axis, plus the lengths |oᵢ₊₁ − oᵢ| up to the link's
+/// frame, plus the largest distance of the link's points from its frame's origin.
+fn reach_mm(geometry: &UrGeometry, capsules: &[Vec<Capsule<Link>>; LINKS]) -> [[f64; 6]; LINKS] {
+    let g = geometry;
+    // from the frame of joint j to the next one: perpendicular to the axis of joint j, and in all
+    let steps = [
+        (0.0, g.d1_mm.abs()),
+        (g.a2_mm.abs(), g.a2_mm.abs()),
+        (g.a3_mm.abs(), g.a3_mm.abs()),
+        (0.0, g.d4_mm.abs()),
+        (0.0, g.d5_mm.abs()),
+        (0.0, 0.0),
+    ];
+    std::array::from_fn(|link| {
+        let ends = || capsules[link].iter().flat_map(|c| [(c.from, c.radius_mm), (c.to, c.radius_mm)]);
+        let about_z = ends().map(|(p, r)| p.x().hypot(p.y()) + r).fold(0.0, f64::max);
+        let about_origin = ends().map(|(p, r)| p.coords.norm() + r).fold(0.0, f64::max);
+        let last = link.min(6);
+        std::array::from_fn(|joint| match (joint + 1).cmp(&last) {
+            std::cmp::Ordering::Greater => 0.0,
+            std::cmp::Ordering::Equal => about_z,
+            std::cmp::Ordering::Less => {
+                steps[joint].0 + steps[joint + 1..last - 1].iter().map(|s| s.1).sum::<f64>() + about_origin
+            }
+        })
+    })
+}
+
+/// One and a half times the largest distance of a calibrated arm's joints and flange from the nominal ones, mm, in 500 random postures.
+fn deviation_mm(arm: &Arm, geometry: &UrGeometry) -> f64 {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(50);
+    let mut angle = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 * std::f64::consts::TAU;
+    let off = |q: Joints| {
+        let flange = geometry.link_poses(&q)[6] * Point::<Link>::new(0.0, 0.0, geometry.d6_mm);
+        let burr = arm.mount().tool().map_or(Vector3::zeros(), |mount| mount.flange_from_burr.translation_mm);
+        let nominal = geometry.link_poses(&q)[6] * (Point::<Link>::new(0.0, 0.0, geometry.d6_mm) + burr);
+        let real = arm.forward(&q).map(|pose| [pose.translation_mm, pose.rotation * burr + pose.translation_mm]);
+        real.map_or(0.0, |[a, b]| (a - flange.coords).norm().max((b - nominal.coords).norm()))
+    };
+    1.5 * (0..500).map(|_| off(std::array::from_fn(|_| angle()))).fold(0.0, f64::max)
+}
