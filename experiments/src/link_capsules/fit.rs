@@ -2,8 +2,8 @@
 //!
 //! The mesh is cut into pieces with edges of at most [`EDGE_MM`]. Each piece belongs to one capsule; a capsule is convex, so it
 //! holds a piece if it holds its three corners, and the capsules hold the mesh if every piece lies in one of them. For given
-//! axes and pieces the radii follow; the axes are moved by random steps, and the pieces go to the capsule that holds them
-//! with the least growth, until the sum of the capsules' volumes no longer falls.
+//! axes and pieces the radii follow; axes and radii are moved by random steps, each piece going to the capsule that it exceeds
+//! least, and a step is kept if the volume of the capsules' union falls.
 
 use bonemill_geometry::capsule::point_segment_mm;
 use nalgebra::Vector3;
@@ -12,13 +12,17 @@ use crate::arms::Stream;
 
 /// Longest edge of a piece, mm.
 const EDGE_MM: f64 = 12.0;
-/// Random starts, and steps from each.
-const STARTS: usize = 24;
-const STEPS: usize = 1500;
+/// Random steps.
+const STEPS: usize = 6000;
 /// Pieces that the axes are fitted to; the radii are of all.
-const FITTED_TO: usize = 400;
+const FITTED_TO: usize = 800;
+/// Spacing of the points by which the volume is measured, and how far they lie around the mesh, mm.
+const GRID_MM: f64 = 10.0;
+const MARGIN_MM: f64 = 40.0;
 /// Largest step at first and at last, mm.
-const STEP_MM: [f64; 2] = [25.0, 0.3];
+const STEP_MM: [f64; 2] = [8.0, 0.2];
+/// Weight of the capsules' own volumes beside that of their union.
+const OWN: f64 = 0.02;
 /// Radii are rounded up to this, mm.
 const ROUND_MM: f64 = 0.1;
 /// Steps of the sampled surface, mm.
@@ -35,11 +39,6 @@ pub(super) struct Fitted {
 }
 
 impl Fitted {
-    fn volume_mm3(&self) -> f64 {
-        let length_mm = (self.axis[1] - self.axis[0]).norm();
-        std::f64::consts::PI * self.radius_mm.powi(2) * (length_mm + 4.0 / 3.0 * self.radius_mm)
-    }
-
     fn farthest_mm(&self, piece: &Triangle) -> f64 {
         piece.iter().map(|p| point_segment_mm(p, &self.axis[0], &self.axis[1])).fold(0.0, f64::max)
     }
@@ -67,70 +66,102 @@ pub(super) fn pieces(mesh: &[Triangle]) -> Vec<Triangle> {
     pieces
 }
 
-/// The capsules with the least volume that were found, so many of them.
-pub(super) fn fitted(pieces: &[Triangle], count: usize, seed: u64) -> Vec<Fitted> {
-    let mut random = Stream(seed);
+/// The capsules with the least volume that were found, from given axes: first each alone about the pieces that are nearest to its
+/// axis, then all together.
+pub(super) fn fitted(pieces: &[Triangle], axes: &[[Vector3<f64>; 2]], seed: u64) -> Vec<Fitted> {
     let some: Vec<Triangle> = pieces.iter().step_by(pieces.len().div_ceil(FITTED_TO).max(1)).copied().collect();
-    let pieces = &some[..];
-    let mut best: Option<(f64, Vec<Fitted>)> = None;
-    let corner =
-        |random: &mut Stream| pieces[(random.next() * pieces.len() as f64) as usize % pieces.len()][0];
-    for _ in 0..STARTS {
-        let mut axes: Vec<[Vector3<f64>; 2]> =
-            (0..count).map(|_| [corner(&mut random), corner(&mut random)]).collect();
-        let (mut volume, mut capsules) = enclosing(pieces, &axes);
-        for step in 0..STEPS {
-            let share = step as f64 / STEPS as f64;
-            let size_mm = STEP_MM[0] * (STEP_MM[1] / STEP_MM[0]).powf(share);
-            let mut moved = axes.clone();
-            let which = (random.next() * count as f64) as usize % count;
-            let mut offset = || Vector3::from_fn(|_, _| (2.0 * random.next() - 1.0) * size_mm);
-            let [first, second] = [offset(), offset()];
-            // both ends together, or one alone
-            match step % 3 {
-                0 => moved[which] = moved[which].map(|end| end + first),
-                n => moved[which][n - 1] += second,
-            }
-            let found = enclosing(pieces, &moved);
-            if found.0 < volume {
-                (volume, capsules) = found;
-                axes = moved;
-            }
-        }
-        if best.as_ref().is_none_or(|(least, _)| volume < *least) {
-            best = Some((volume, capsules));
-        }
-    }
-    best.map(|(_, capsules)| capsules).unwrap_or_default()
+    let nearest = |piece: &Triangle| {
+        let away = |axis: &[Vector3<f64>; 2]| Fitted { axis: *axis, radius_mm: 0.0 }.farthest_mm(piece);
+        (0..axes.len()).min_by(|m, n| away(&axes[*m]).total_cmp(&away(&axes[*n])))
+    };
+    let alone = axes.iter().enumerate().map(|(n, axis)| {
+        let own: Vec<Triangle> = some.iter().filter(|piece| nearest(piece) == Some(n)).copied().collect();
+        let first = Fitted { axis: *axis, radius_mm: 0.0 };
+        searched(vec![first], seed, &own, &|capsules| own_volume_mm3(&capsules[0]))[0]
+    });
+    let around = around(&some);
+    searched(alone.collect(), seed, &some, &|capsules| volume_mm3(capsules, &around))
 }
 
-/// The radii about given axes that hold every piece, and the volume: pieces go, the farthest from all axes first, to the capsule
-/// whose volume grows least.
-fn enclosing(pieces: &[Triangle], axes: &[[Vector3<f64>; 2]]) -> (f64, Vec<Fitted>) {
-    let mut capsules: Vec<Fitted> = axes.iter().map(|axis| Fitted { axis: *axis, radius_mm: 0.0 }).collect();
-    let mut farthest: Vec<Vec<f64>> =
-        pieces.iter().map(|piece| capsules.iter().map(|c| c.farthest_mm(piece)).collect()).collect();
-    let least = |mm: &[f64]| mm.iter().copied().fold(f64::INFINITY, f64::min);
-    farthest.sort_by(|a, b| least(b).total_cmp(&least(a)));
-    for mm in &farthest {
-        if capsules.iter().zip(mm).any(|(capsule, mm)| *mm <= capsule.radius_mm) {
-            continue;
+/// The best capsules that random steps of falling size lead to.
+fn searched(
+    first: Vec<Fitted>,
+    seed: u64,
+    pieces: &[Triangle],
+    measure: &dyn Fn(&[Fitted]) -> f64,
+) -> Vec<Fitted> {
+    let (mut random, count) = (Stream(seed), first.len());
+    let mut capsules = enclosing(pieces, &first);
+    let mut least = measure(&capsules);
+    for step in 0..STEPS {
+        let share = step as f64 / STEPS as f64;
+        let size_mm = STEP_MM[0] * (STEP_MM[1] / STEP_MM[0]).powf(share);
+        let mut moved = capsules.clone();
+        let which = (random.next() * count as f64) as usize % count;
+        let mut offset = || Vector3::from_fn(|_, _| (2.0 * random.next() - 1.0) * size_mm);
+        let [first, second] = [offset(), offset()];
+        let Fitted { axis, radius_mm } = &mut moved[which];
+        // both ends together, or one alone, or the pieces that are held
+        match step % 4 {
+            0 => *axis = axis.map(|end| end + first),
+            3 => *radius_mm = (*radius_mm + first.x).max(0.0),
+            n => axis[n - 1] += second,
         }
-        let growth = |n: usize| {
-            let grown = Fitted { radius_mm: mm[n], ..capsules[n] };
-            grown.volume_mm3() - capsules[n].volume_mm3()
-        };
-        let n = (0..capsules.len()).min_by(|m, n| growth(*m).total_cmp(&growth(*n))).unwrap_or(0);
-        capsules[n].radius_mm = mm[n];
+        let found = enclosing(pieces, &moved);
+        let measured = measure(&found);
+        if measured < least {
+            (least, capsules) = (measured, found);
+        }
     }
-    (capsules.iter().map(Fitted::volume_mm3).sum(), capsules)
+    capsules
+}
+
+/// A capsule's volume, mm³.
+fn own_volume_mm3(capsule: &Fitted) -> f64 {
+    let length_mm = (capsule.axis[1] - capsule.axis[0]).norm();
+    std::f64::consts::PI * capsule.radius_mm.powi(2) * (length_mm + 4.0 / 3.0 * capsule.radius_mm)
+}
+
+/// Points around a mesh, [`GRID_MM`] apart.
+fn around(pieces: &[Triangle]) -> Vec<Vector3<f64>> {
+    let first = pieces.first().map_or(Vector3::zeros(), |piece| piece[0]);
+    let corners = || pieces.iter().flatten();
+    let low = corners().fold(first, |low, p| low.inf(p)).map(|mm| mm - MARGIN_MM);
+    let high = corners().fold(first, |high, p| high.sup(p)).map(|mm| mm + MARGIN_MM);
+    let [nx, ny, nz] = [0, 1, 2].map(|k| ((high[k] - low[k]) / GRID_MM).ceil() as usize);
+    let place = |n: usize| Vector3::new((n % nx) as f64, (n / nx % ny) as f64, (n / nx / ny) as f64) * GRID_MM + low;
+    (0..nx * ny * nz).map(place).collect()
+}
+
+/// The volume of a union of capsules by the points that it holds, mm³, and a little of each capsule's own, so that none is larger
+/// than it must be.
+fn volume_mm3(capsules: &[Fitted], around: &[Vector3<f64>]) -> f64 {
+    let holds = |p: &&Vector3<f64>| {
+        capsules.iter().any(|c| point_segment_mm(p, &c.axis[0], &c.axis[1]) <= c.radius_mm)
+    };
+    let own: f64 = capsules.iter().map(own_volume_mm3).sum();
+    around.iter().filter(holds).count() as f64 * GRID_MM.powi(3) + OWN * own
+}
+
+/// The radii about given axes that hold every piece. A piece belongs to the capsule that it exceeds least, or that
+/// it lies deepest in.
+fn enclosing(pieces: &[Triangle], capsules: &[Fitted]) -> Vec<Fitted> {
+    let mut held: Vec<Fitted> = capsules.iter().map(|c| Fitted { radius_mm: 0.0, ..*c }).collect();
+    for piece in pieces {
+        let far = capsules.iter().map(|c| c.farthest_mm(piece));
+        let beyond = far.zip(capsules).enumerate().map(|(n, (mm, c))| (n, mm, mm - c.radius_mm));
+        if let Some((n, mm, _)) = beyond.min_by(|a, b| a.2.total_cmp(&b.2)) {
+            held[n].radius_mm = held[n].radius_mm.max(mm);
+        }
+    }
+    held
 }
 
 /// The capsules with axes to 0.1 mm and radii rounded up, such that they surely hold every piece.
 pub(super) fn rounded(pieces: &[Triangle], capsules: &[Fitted]) -> Vec<Fitted> {
     let tenth = |mm: f64| (mm * 10.0).round() / 10.0;
-    let axes: Vec<_> = capsules.iter().map(|c| c.axis.map(|end| end.map(tenth))).collect();
-    let (_, mut found) = enclosing(pieces, &axes);
+    let rounded: Vec<_> = capsules.iter().map(|c| Fitted { axis: c.axis.map(|end| end.map(tenth)), ..*c }).collect();
+    let mut found = enclosing(pieces, &rounded);
     for capsule in &mut found {
         capsule.radius_mm = (capsule.radius_mm / ROUND_MM + 1e-6).ceil() * ROUND_MM;
     }

@@ -20,16 +20,38 @@ use rayon::prelude::*;
 use crate::{ExperimentError, Size, Table};
 use fit::{Fitted, Triangle, excess_mm, fitted, outside, pieces, rounded};
 
-/// Links with the names of their meshes and the number of their capsules.
-const LINKS: [(&str, &str, usize); 7] = [
-    ("base", "base", 1),
-    ("shoulder", "shoulder", 2),
-    ("upper arm", "upperarm", 3),
-    ("forearm", "forearm", 3),
-    ("wrist 1", "wrist1", 2),
-    ("wrist 2", "wrist2", 2),
-    ("wrist 3", "wrist3", 1),
+/// Links with the names of their meshes.
+const LINKS: [(&str, &str); 7] = [
+    ("base", "base"),
+    ("shoulder", "shoulder"),
+    ("upper arm", "upperarm"),
+    ("forearm", "forearm"),
+    ("wrist 1", "wrist1"),
+    ("wrist 2", "wrist2"),
+    ("wrist 3", "wrist3"),
 ];
+
+/// Axes from which a link's capsules are fitted, mm: along the joints that meet in it, and along the tube between them.
+fn first_axes(link: usize, model: UrModel, offsets_mm: &[f64; 5]) -> Vec<[Vector3<f64>; 2]> {
+    let g = model.geometry();
+    let [shoulder, elbow, ..] = *offsets_mm;
+    let line = |a: [f64; 3], b: [f64; 3]| [Vector3::from(a), Vector3::from(b)];
+    let d = [g.d1_mm, g.d4_mm, g.d5_mm, g.d6_mm];
+    let four = |x: f64, z: f64, aside: f64| {
+        let tube = |y: f64, z: f64| line([0.1 * x, y, z], [0.9 * x, y, z]);
+        [[-aside, -aside], [-aside, aside], [aside, -aside], [aside, aside]].map(|[y, dz]| tube(y, z + dz)).to_vec()
+    };
+    match link {
+        0 => vec![line([0.0, 0.0, 20.0], [0.0, 0.0, 40.0])],
+        1 => vec![line([0.0, 0.0, d[0] - 30.0], [0.0, 0.0, d[0]]), line([0.0, 0.0, d[0]], [0.0, -0.4 * shoulder, d[0]])],
+        // the meshes are hulls: boxes about the tubes, so four tubes side by side
+        2 => four(g.a2_mm, shoulder, 0.25 * shoulder),
+        3 => four(g.a3_mm, elbow, 0.2 * shoulder),
+        4 => vec![line([0.0, 0.0, d[1] - 40.0], [0.0, 0.0, d[1]]), line([0.0, 0.0, d[1]], [0.0, -30.0, d[1]])],
+        5 => vec![line([0.0, 0.0, d[2] - 40.0], [0.0, 0.0, d[2]]), line([0.0, 0.0, d[2]], [0.0, 30.0, d[2]])],
+        _ => vec![line([0.0, 0.0, d[3] - 20.0], [0.0, 0.0, d[3] - 15.0])],
+    }
+}
 
 /// The table, and its rows as source text.
 ///
@@ -49,14 +71,14 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
         let found: Result<Vec<_>, ExperimentError> = LINKS
             .par_iter()
             .enumerate()
-            .map(|(link, (_, file, count))| {
+            .map(|(link, (_, file))| {
                 let mesh = mesh(folder, model, file, &link_from_mesh(link, model, &offsets))?;
                 let pieces = pieces(&mesh);
-                let capsules = rounded(&pieces, &fitted(&pieces, *count, 1 + link as u64));
+                let capsules = rounded(&pieces, &fitted(&pieces, &first_axes(link, model, &offsets), 1 + link as u64));
                 Ok((pieces, capsules))
             })
             .collect();
-        for ((name, ..), (pieces, capsules)) in LINKS.iter().zip(found?) {
+        for ((name, _), (pieces, capsules)) in LINKS.iter().zip(found?) {
             let outside = outside(&pieces, &capsules);
             if outside > 0 {
                 table

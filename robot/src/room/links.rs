@@ -1,7 +1,6 @@
 //! A UR's links and handpiece as capsules, how far they can move, and which pairs of links can meet.
 
 use bonemill_arm::arm::{InverseKind, Mount};
-use bonemill_arm::ur::links::LINK_NAMES;
 use bonemill_arm::ur::{UrGeometry, UrModel};
 use bonemill_arm::Arm;
 use bonemill_geometry::{Base, Capsule, Link, Point, Rigid};
@@ -18,11 +17,6 @@ const POSTURES: usize = 2000;
 
 /// A joint vector of a UR.
 pub(super) type Joints = [f64; 6];
-
-/// The name of a link.
-pub fn link_name(link: usize) -> &'static str {
-    LINK_NAMES.get(link).copied().unwrap_or("handpiece")
-}
 
 /// A handpiece as capsules in the tool's frame: origin at the burr's centre, z along the shaft.
 pub type Handpiece = Vec<Capsule<bonemill_geometry::Tool>>;

@@ -17,7 +17,8 @@ mod motion;
 mod obstacle;
 
 pub use head::Head;
-pub use links::{ArmLinks, HANDPIECE, Handpiece, LINKS, link_name};
+pub use links::{ArmLinks, HANDPIECE, Handpiece, LINKS};
+pub use bonemill_arm::ur::links::link_name;
 pub use motion::{Least, LinkMotion};
 pub use obstacle::{Obstacle, Shape};
 

@@ -1,5 +1,7 @@
 //! The least distance of an arm's links from what is around them, along a plan.
 
+use bonemill_case::{Case, HeadSource};
+use bonemill_planfile::Value;
 use bonemill_robot::resolve::DensePath;
 use bonemill_robot::room::{LinkMotion, Room, link_name};
 
@@ -36,6 +38,23 @@ impl LinkDistance {
     pub fn text(&self) -> String {
         let Self { least_mm, link, near, waypoint, .. } = self;
         format!("{link} at least {least_mm:.1} mm from {near}, on the way to waypoint {waypoint}")
+    }
+
+    /// The entry of `[modelled]`; `time_s` of the waypoint.
+    pub fn entry(&self, case: &Case, time_s: f64) -> (String, Value) {
+        let mut entries = vec![
+            ("least_mm".to_owned(), self.least_mm.into()),
+            ("link".into(), Value::Text(self.link.into())),
+            ("near".into(), Value::Text(self.near.clone())),
+            ("waypoint".into(), self.waypoint.into()),
+            ("time_s".into(), time_s.into()),
+            ("clearance_mm".into(), self.clearance_mm.into()),
+        ];
+        let room = &case.robot.room;
+        if room.head == HeadSource::Scan {
+            entries.push(("head_beyond_mm".into(), room.head_beyond_mm.into()));
+        }
+        ("link_distance".into(), Value::Table(entries))
     }
 
     /// What is wrong where links come too near, `time_s` into the plan.

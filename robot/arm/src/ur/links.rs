@@ -17,6 +17,11 @@ use super::{UrGeometry, UrModel};
 pub const LINK_NAMES: [&str; 7] =
     ["base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3"];
 
+/// The name of a link; the handpiece is the one behind them.
+pub fn link_name(link: usize) -> &'static str {
+    LINK_NAMES.get(link).copied().unwrap_or("handpiece")
+}
+
 const fn c(from_mm: [f64; 3], to_mm: [f64; 3], radius_mm: f64) -> Capsule<Link> {
     Capsule::new(from_mm, to_mm, radius_mm)
 }
