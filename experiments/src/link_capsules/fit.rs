@@ -69,7 +69,8 @@ pub(super) fn pieces(mesh: &[Triangle]) -> Vec<Triangle> {
 /// The capsules with the least volume that were found, from given axes: first each alone about the pieces that are nearest to its
 /// axis, then all together.
 pub(super) fn fitted(pieces: &[Triangle], axes: &[[Vector3<f64>; 2]], seed: u64) -> Vec<Fitted> {
-    let some: Vec<Triangle> = pieces.iter().step_by(pieces.len().div_ceil(FITTED_TO).max(1)).copied().collect();
+    let some: Vec<Triangle> =
+        pieces.iter().step_by(pieces.len().div_ceil(FITTED_TO).max(1)).copied().collect();
     let nearest = |piece: &Triangle| {
         let away = |axis: &[Vector3<f64>; 2]| Fitted { axis: *axis, radius_mm: 0.0 }.farthest_mm(piece);
         (0..axes.len()).min_by(|m, n| away(&axes[*m]).total_cmp(&away(&axes[*n])))
@@ -129,7 +130,8 @@ fn around(pieces: &[Triangle]) -> Vec<Vector3<f64>> {
     let low = corners().fold(first, |low, p| low.inf(p)).map(|mm| mm - MARGIN_MM);
     let high = corners().fold(first, |high, p| high.sup(p)).map(|mm| mm + MARGIN_MM);
     let [nx, ny, nz] = [0, 1, 2].map(|k| ((high[k] - low[k]) / GRID_MM).ceil() as usize);
-    let place = |n: usize| Vector3::new((n % nx) as f64, (n / nx % ny) as f64, (n / nx / ny) as f64) * GRID_MM + low;
+    let place =
+        |n: usize| Vector3::new((n % nx) as f64, (n / nx % ny) as f64, (n / nx / ny) as f64) * GRID_MM + low;
     (0..nx * ny * nz).map(place).collect()
 }
 
@@ -160,7 +162,8 @@ fn enclosing(pieces: &[Triangle], capsules: &[Fitted]) -> Vec<Fitted> {
 /// The capsules with axes to 0.1 mm and radii rounded up, such that they surely hold every piece.
 pub(super) fn rounded(pieces: &[Triangle], capsules: &[Fitted]) -> Vec<Fitted> {
     let tenth = |mm: f64| (mm * 10.0).round() / 10.0;
-    let rounded: Vec<_> = capsules.iter().map(|c| Fitted { axis: c.axis.map(|end| end.map(tenth)), ..*c }).collect();
+    let rounded: Vec<_> =
+        capsules.iter().map(|c| Fitted { axis: c.axis.map(|end| end.map(tenth)), ..*c }).collect();
     let mut found = enclosing(pieces, &rounded);
     for capsule in &mut found {
         capsule.radius_mm = (capsule.radius_mm / ROUND_MM + 1e-6).ceil() * ROUND_MM;

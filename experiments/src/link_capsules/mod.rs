@@ -39,15 +39,22 @@ fn first_axes(link: usize, model: UrModel, offsets_mm: &[f64; 5]) -> Vec<[Vector
     let d = [g.d1_mm, g.d4_mm, g.d5_mm, g.d6_mm];
     let four = |x: f64, z: f64, aside: f64| {
         let tube = |y: f64, z: f64| line([0.1 * x, y, z], [0.9 * x, y, z]);
-        [[-aside, -aside], [-aside, aside], [aside, -aside], [aside, aside]].map(|[y, dz]| tube(y, z + dz)).to_vec()
+        [[-aside, -aside], [-aside, aside], [aside, -aside], [aside, aside]]
+            .map(|[y, dz]| tube(y, z + dz))
+            .to_vec()
     };
     match link {
         0 => vec![line([0.0, 0.0, 20.0], [0.0, 0.0, 40.0])],
-        1 => vec![line([0.0, 0.0, d[0] - 30.0], [0.0, 0.0, d[0]]), line([0.0, 0.0, d[0]], [0.0, -0.4 * shoulder, d[0]])],
+        1 => vec![
+            line([0.0, 0.0, d[0] - 30.0], [0.0, 0.0, d[0]]),
+            line([0.0, 0.0, d[0]], [0.0, -0.4 * shoulder, d[0]]),
+        ],
         // the meshes are hulls: boxes about the tubes, so four tubes side by side
         2 => four(g.a2_mm, shoulder, 0.25 * shoulder),
         3 => four(g.a3_mm, elbow, 0.2 * shoulder),
-        4 => vec![line([0.0, 0.0, d[1] - 40.0], [0.0, 0.0, d[1]]), line([0.0, 0.0, d[1]], [0.0, -30.0, d[1]])],
+        4 => {
+            vec![line([0.0, 0.0, d[1] - 40.0], [0.0, 0.0, d[1]]), line([0.0, 0.0, d[1]], [0.0, -30.0, d[1]])]
+        }
         5 => vec![line([0.0, 0.0, d[2] - 40.0], [0.0, 0.0, d[2]]), line([0.0, 0.0, d[2]], [0.0, 30.0, d[2]])],
         _ => vec![line([0.0, 0.0, d[3] - 20.0], [0.0, 0.0, d[3] - 15.0])],
     }
@@ -74,7 +81,8 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
             .map(|(link, (_, file))| {
                 let mesh = mesh(folder, model, file, &link_from_mesh(link, model, &offsets))?;
                 let pieces = pieces(&mesh);
-                let capsules = rounded(&pieces, &fitted(&pieces, &first_axes(link, model, &offsets), 1 + link as u64));
+                let capsules =
+                    rounded(&pieces, &fitted(&pieces, &first_axes(link, model, &offsets), 1 + link as u64));
                 Ok((pieces, capsules))
             })
             .collect();

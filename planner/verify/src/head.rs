@@ -34,7 +34,8 @@ impl Tissue {
         let grid = Grid::<Ct>::new(dims, Vector3::repeat(LATTICE_MM), *scan.axes(), first).ok()?;
         let is_tissue = |n: usize| {
             let place = scan.continuous_index(grid.center(grid.voxel(n)));
-            let voxel = std::array::from_fn(|k| place[k].round().clamp(0.0, scan.dims()[k] as f64 - 1.0) as usize);
+            let voxel =
+                std::array::from_fn(|k| place[k].round().clamp(0.0, scan.dims()[k] as f64 - 1.0) as usize);
             ct.data()[scan.index(voxel)] > TISSUE_HU
         };
         let mut tissue: Vec<bool> = (0..grid.len()).map(is_tissue).collect();
@@ -55,7 +56,8 @@ impl Tissue {
         let place = self.grid.continuous_index(bonemill_geometry::Point::from_coords(*p));
         let dims = self.grid.dims();
         let held = std::array::from_fn(|k| place[k].round().clamp(0.0, dims[k] as f64 - 1.0));
-        let beyond = (0..3).map(|k| (place[k] - place[k].clamp(0.0, dims[k] as f64 - 1.0)).powi(2)).sum::<f64>();
+        let beyond =
+            (0..3).map(|k| (place[k] - place[k].clamp(0.0, dims[k] as f64 - 1.0)).powi(2)).sum::<f64>();
         let squared = f64::from(self.squared[self.grid.index(held.map(|x: f64| x as usize))]);
         LATTICE_MM * (squared + beyond).sqrt()
     }
@@ -79,7 +81,8 @@ fn drop_specks(grid: &Grid<Ct>, tissue: &mut [bool]) {
             size += 1;
             let voxel = grid.voxel(n);
             for k in 0..3 {
-                let beside = [(voxel[k] > 0).then(|| n - steps[k]), (voxel[k] + 1 < dims[k]).then(|| n + steps[k])];
+                let beside =
+                    [(voxel[k] > 0).then(|| n - steps[k]), (voxel[k] + 1 < dims[k]).then(|| n + steps[k])];
                 for other in beside.into_iter().flatten().filter(|other| tissue[*other]) {
                     if piece_of[other] == 0 {
                         piece_of[other] = number;

@@ -7,12 +7,11 @@
 //! The base is held against other links only, the handpiece against all but the patient.
 
 use bonemill_arm::ur::UrModel;
+use bonemill_arm::ur::links::{LINKS_AND_HANDPIECE, link_name, pairs_held_apart};
 use bonemill_case::{Case, HeadSource, ObstacleFrame, ObstacleShape};
 use bonemill_geometry::cancel;
 use bonemill_planfile::StoredPlan;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use rand_xoshiro::Xoshiro256PlusPlus;
-use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
@@ -24,12 +23,10 @@ use crate::head::Tissue;
 const STEP_MM: f64 = 2.0;
 /// Distance of samples on a capsule's axis, mm.
 const AXIS_MM: f64 = 4.0;
-/// Random postures in which links that are always near each other are found.
-const POSTURES: usize = 400;
 /// Tolerance of a distance from obstacles and links, because the motion rounds corners, mm.
 const ROUNDED_MM: f64 = 0.5;
 /// The handpiece's place among the links.
-const HANDPIECE: usize = 7;
+const HANDPIECE: usize = LINKS_AND_HANDPIECE - 1;
 
 /// A capsule in its link's frame: ends and radius, mm.
 type Piece = (Vector3<f64>, Vector3<f64>, f64);
@@ -59,7 +56,7 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
         UnitQuaternion::from_rotation_matrix(&base_from_ct.rotation),
     );
     let solids: Vec<Solid> = case.obstacles.iter().map(|o| Solid::new(o, &base_from_ct)).collect();
-    let pairs = links.pairs(clearance_mm);
+    let pairs: Vec<_> = pairs_held_apart().collect();
     let rows = walked(plan, links.longest_mm());
     let at = |row: usize| Place::Instant {
         time_s: plan.trajectory.time_s[row],
@@ -76,9 +73,9 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
     if let Some((mm, row, what)) = least(to_solids.collect()) {
         let limit = clearance_mm - ROUNDED_MM;
         let check = Check::at_least("links to obstacles and each other", mm, limit, "mm").at(at(row));
-        checks.push(check.noting(format!(
-            "{what}; walked in steps of {STEP_MM} mm, axes sampled each {AXIS_MM} mm"
-        )));
+        checks.push(
+            check.noting(format!("{what}; walked in steps of {STEP_MM} mm, axes sampled each {AXIS_MM} mm")),
+        );
     }
     if case.robot.room.head == HeadSource::Scan
         && let Some(tissue) = Tissue::of(&anatomy.ct, case.robot.room.head_beyond_mm)
@@ -93,7 +90,12 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
         if let Some((mm, row, what)) = least(to_tissue.collect()) {
             let limit = clearance_mm - tissue.error_mm();
             let check = Check::at_least("links to the patient", mm, limit, "mm").at(at(row));
-            checks.push(check.noting(format!("{what}; distances from the scan err by up to {:.1} mm", tissue.error_mm())));
+            checks.push(
+                check.noting(format!(
+                    "{what}; distances from the scan err by up to {:.1} mm",
+                    tissue.error_mm()
+                )),
+            );
         }
     }
     checks
@@ -102,7 +104,8 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
 /// Rows of the trajectory between which no point of the arm moves farther than [`STEP_MM`], with the first and the last.
 fn walked(plan: &StoredPlan, longest_mm: f64) -> Vec<usize> {
     let q = |row: usize| plan.trajectory.q_at(row);
-    let moved = |a: usize, b: usize| q(a).iter().zip(q(b)).map(|(a, b)| (a - b).abs()).sum::<f64>() * longest_mm;
+    let moved =
+        |a: usize, b: usize| q(a).iter().zip(q(b)).map(|(a, b)| (a - b).abs()).sum::<f64>() * longest_mm;
     let mut rows = vec![0];
     for row in 1..plan.trajectory.len() {
         let last = rows[rows.len() - 1];
@@ -169,20 +172,6 @@ impl Links {
         };
         self.pieces.iter().enumerate().map(placed).collect()
     }
-
-    /// Pairs of links that are no neighbours and that some random posture holds apart by the clearance.
-    fn pairs(&self, clearance_mm: f64) -> Vec<(usize, usize)> {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(4949);
-        let mut angle = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 * std::f64::consts::TAU;
-        let postures: Vec<_> = (0..POSTURES)
-            .map(|_| {
-                let q: [f64; 6] = std::array::from_fn(|_| angle());
-                self.placed(&q)
-            })
-            .collect();
-        let all = (0..=HANDPIECE).flat_map(|i| (i + 2..=HANDPIECE).map(move |k| (i, k)));
-        all.filter(|(i, k)| postures.iter().any(|p| apart_mm(&p[*i], &p[*k]) >= clearance_mm)).collect()
-    }
 }
 
 /// The handpiece from the shank's thick end on, and from there straight to the flange, in the flange's link.
@@ -193,7 +182,8 @@ fn handpiece(case: &Case, d6_mm: f64) -> Vec<Piece> {
         return vec![];
     };
     let flange = Vector3::new(0.0, 0.0, d6_mm);
-    let (burr, turn) = (flange + Vector3::from(translation_mm), Rotation3::from_euler_angles(roll, pitch, yaw));
+    let (burr, turn) =
+        (flange + Vector3::from(translation_mm), Rotation3::from_euler_angles(roll, pitch, yaw));
     let end_mm: f64 = case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>();
     let along = |mm: f64| burr + turn * Vector3::new(0.0, 0.0, mm);
     let (front, back) = (along(end_mm - last.length_mm), along(end_mm));
@@ -218,12 +208,13 @@ fn apart_mm(a: &[PlacedPiece], b: &[PlacedPiece]) -> f64 {
 
 /// The least distance of links from obstacles and from each other, mm, and of what.
 fn among(placed: &[Vec<PlacedPiece>], solids: &[Solid], pairs: &[(usize, usize)]) -> (f64, String) {
-    let name = bonemill_arm::ur::links::link_name;
+    let name = link_name;
     let mut least = (f64::INFINITY, None);
     for (link, pieces) in placed.iter().enumerate().skip(1) {
         for (n, solid) in solids.iter().enumerate() {
             for (points, radius_mm) in pieces {
-                let mm = points.iter().map(|p| solid.distance_mm(p)).fold(f64::INFINITY, f64::min) - radius_mm;
+                let mm =
+                    points.iter().map(|p| solid.distance_mm(p)).fold(f64::INFINITY, f64::min) - radius_mm;
                 if mm < least.0 {
                     least = (mm, Some((link, Err(n))));
                 }
@@ -249,14 +240,15 @@ fn from_tissue(placed: &[Vec<PlacedPiece>], tissue: &Tissue, ct_from_base: &Isom
     let mut least = (f64::INFINITY, 0);
     for (link, pieces) in placed.iter().enumerate().take(HANDPIECE).skip(1) {
         for (points, radius_mm) in pieces {
-            let far = points.iter().map(|p| tissue.distance_mm(&ct_from_base.transform_point(&(*p).into()).coords));
+            let far =
+                points.iter().map(|p| tissue.distance_mm(&ct_from_base.transform_point(&(*p).into()).coords));
             let mm = far.fold(f64::INFINITY, f64::min) - radius_mm;
             if mm < least.0 {
                 least = (mm, link);
             }
         }
     }
-    (least.0, bonemill_arm::ur::links::link_name(least.1).to_owned())
+    (least.0, link_name(least.1).to_owned())
 }
 
 /// An obstacle of the case.
@@ -300,4 +292,3 @@ impl Solid {
         }
     }
 }
-

@@ -18,7 +18,9 @@ use rayon::prelude::*;
 use crate::room::{Nearest, Room};
 
 use super::rolls::{between, even_out};
-use super::{EXACT, Follower, Meeting, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
+use super::{
+    EXACT, Follower, Meeting, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding,
+};
 
 /// Number of sampled rolls.
 const ROLLS: usize = 36;
@@ -392,7 +394,8 @@ impl<'a> Nodes<'a> {
                     continue;
                 }
                 if here.is_none()
-                    && let Some(nearest) = self.path.room.and_then(|room| room.nearest(&q, room.preferred_mm()))
+                    && let Some(nearest) =
+                        self.path.room.and_then(|room| room.nearest(&q, room.preferred_mm()))
                     && clearest.is_none_or(|other| other.distance_mm < nearest.distance_mm)
                 {
                     clearest = Some(nearest);

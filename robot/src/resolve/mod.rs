@@ -26,12 +26,12 @@ mod track;
 
 use nalgebra::{Unit, Vector3};
 
+use crate::room::{Nearest, Room, link_name};
 use bonemill_arm::RobotError;
 pub use bonemill_arm::arm::inverse::RollFrame;
 use bonemill_arm::arm::{Arm, AxisPose, InverseKind, JointExcess, ToolGoal, bone_attached, dls};
 use bonemill_arm::ur::Branches;
 use bonemill_arm::ur::ik::wrapped;
-use crate::room::{Nearest, Room, link_name};
 pub use dense::DensePath;
 
 /// Largest error of a followed pose, mm and rad.

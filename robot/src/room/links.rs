@@ -1,19 +1,18 @@
-//! A UR's links and handpiece as capsules, how far they can move, and which pairs of links can meet.
+//! A UR's links and handpiece as capsules, where they are, and how far they can move.
 
-use bonemill_arm::arm::{InverseKind, Mount};
-use bonemill_arm::ur::{UrGeometry, UrModel};
 use bonemill_arm::Arm;
+use bonemill_arm::arm::{InverseKind, Mount};
+use bonemill_arm::ur::links::{LINKS_AND_HANDPIECE, pairs_held_apart};
+use bonemill_arm::ur::{UrGeometry, UrModel};
 use bonemill_geometry::{Base, Capsule, Link, Point, Rigid};
 use nalgebra::Vector3;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 
 /// Links: the base, those of the six joints, and the handpiece, which moves with the last.
-pub const LINKS: usize = 8;
+pub const LINKS: usize = LINKS_AND_HANDPIECE;
 /// The handpiece's place among the links.
-pub const HANDPIECE: usize = 7;
-/// Random postures by which pairs that are always near each other are found.
-const POSTURES: usize = 2000;
+pub const HANDPIECE: usize = LINKS - 1;
 
 /// A joint vector of a UR.
 pub(super) type Joints = [f64; 6];
@@ -30,10 +29,8 @@ pub struct ArmLinks {
     balls: [(Point<Link>, f64); LINKS],
     /// Bound on the distance of a link's points from a joint's axis, mm, by link and joint; 0 for joints that do not move it.
     reach_mm: [[f64; 6]; LINKS],
-    /// Pairs of links that can meet.
+    /// Pairs of links that are held apart.
     pub(super) pairs: Vec<(usize, usize)>,
-    /// Pairs whose capsules are always within the clearance, though they are no neighbours.
-    pub(super) always_near: Vec<(usize, usize)>,
     /// By how much links of a calibrated arm are elsewhere, mm.
     pub(super) allowance_mm: f64,
 }
@@ -47,13 +44,16 @@ pub(super) struct PlacedLinks<'a> {
 
 impl ArmLinks {
     /// The links of a UR; `None` for an arm whose shapes are not known, or that holds no tool.
-    pub fn of(arm: &Arm, handpiece: &Handpiece, clearance_mm: f64) -> Option<Self> {
-        let (InverseKind::Ur { geometry, calibrated }, Mount::Tool(mount)) = (arm.inverse_kind(), arm.mount()) else {
+    pub fn of(arm: &Arm, handpiece: &Handpiece) -> Option<Self> {
+        let (InverseKind::Ur { geometry, calibrated }, Mount::Tool(mount)) =
+            (arm.inverse_kind(), arm.mount())
+        else {
             return None;
         };
         let model = UrModel::ALL.into_iter().find(|model| model.geometry() == geometry)?;
         let shapes = model.link_capsules();
-        let flange_from_link = Rigid::<Link, Link>::new(nalgebra::Rotation3::identity(), Vector3::new(0.0, 0.0, geometry.d6_mm));
+        let flange_from_link =
+            Rigid::<Link, Link>::new(nalgebra::Rotation3::identity(), Vector3::new(0.0, 0.0, geometry.d6_mm));
         let link_from_burr = flange_from_link
             * Rigid::<Link, bonemill_geometry::Tool>::new(
                 mount.flange_from_burr.rotation,
@@ -64,17 +64,14 @@ impl ArmLinks {
             None => handpiece.iter().map(|capsule| capsule.moved(&link_from_burr)).collect(),
         });
         let balls = std::array::from_fn(|link| ball(&capsules[link]));
-        let mut links = Self {
+        Some(Self {
             geometry,
             reach_mm: reach_mm(&geometry, &capsules),
             capsules,
             balls,
-            pairs: vec![],
-            always_near: vec![],
+            pairs: pairs_held_apart().collect(),
             allowance_mm: if calibrated { deviation_mm(arm, &geometry) } else { 0.0 },
-        };
-        links.find_pairs(clearance_mm);
-        Some(links)
+        })
     }
 
     pub(super) fn place(&self, q: &Joints) -> PlacedLinks<'_> {
@@ -87,21 +84,6 @@ impl ArmLinks {
     pub(super) fn most_moved_mm(&self, link: usize, from: &Joints, to: &Joints) -> f64 {
         let turns = from.iter().zip(to).map(|(a, b)| (a - b).abs());
         turns.zip(&self.reach_mm[link]).map(|(turn, reach)| turn * reach).sum()
-    }
-
-    /// Sorts the pairs of links that are no neighbours: those whose capsules are within the clearance in every one of many
-    /// random postures always are, because their capsules are larger than they; the others are kept apart.
-    fn find_pairs(&mut self, clearance_mm: f64) {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(49);
-        let mut angle = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 * std::f64::consts::TAU;
-        let postures: Vec<Joints> = (0..POSTURES).map(|_| std::array::from_fn(|_| angle())).collect();
-        let is_apart = |i: usize, k: usize| {
-            postures.iter().any(|q| self.place(q).between_mm(i, k, f64::INFINITY) >= clearance_mm)
-        };
-        let possible = (0..LINKS).flat_map(|i| (i + 2..LINKS).map(move |k| (i, k)));
-        let possible = possible.filter(|(_, k)| !self.capsules[*k].is_empty());
-        let (pairs, near) = possible.partition(|(i, k)| is_apart(*i, *k));
-        (self.pairs, self.always_near) = (pairs, near);
     }
 }
 
@@ -177,7 +159,8 @@ fn deviation_mm(arm: &Arm, geometry: &UrGeometry) -> f64 {
         let flange = geometry.link_poses(&q)[6] * Point::<Link>::new(0.0, 0.0, geometry.d6_mm);
         let burr = arm.mount().tool().map_or(Vector3::zeros(), |mount| mount.flange_from_burr.translation_mm);
         let nominal = geometry.link_poses(&q)[6] * (Point::<Link>::new(0.0, 0.0, geometry.d6_mm) + burr);
-        let real = arm.forward(&q).map(|pose| [pose.translation_mm, pose.rotation * burr + pose.translation_mm]);
+        let real =
+            arm.forward(&q).map(|pose| [pose.translation_mm, pose.rotation * burr + pose.translation_mm]);
         real.map_or(0.0, |[a, b]| (a - flange.coords).norm().max((b - nominal.coords).norm()))
     };
     1.5 * (0..500).map(|_| off(std::array::from_fn(|_| angle()))).fold(0.0, f64::max)

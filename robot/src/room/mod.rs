@@ -16,9 +16,9 @@ mod links;
 mod motion;
 mod obstacle;
 
+pub use bonemill_arm::ur::links::link_name;
 pub use head::Head;
 pub use links::{ArmLinks, HANDPIECE, Handpiece, LINKS};
-pub use bonemill_arm::ur::links::link_name;
 pub use motion::{Least, LinkMotion};
 pub use obstacle::{Obstacle, Shape};
 
@@ -68,7 +68,7 @@ impl Room {
         obstacles: Vec<Obstacle>,
         clearance_mm: f64,
     ) -> Option<Self> {
-        let links = ArmLinks::of(arm, handpiece, clearance_mm)?;
+        let links = ArmLinks::of(arm, handpiece)?;
         Some(Self { links, obstacles, clearance_mm })
     }
 
@@ -80,11 +80,6 @@ impl Room {
     /// What stands in the room.
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles
-    }
-
-    /// Pairs of links that are not held apart because their capsules always are within the clearance.
-    pub fn always_near(&self) -> &[(usize, usize)] {
-        &self.links.always_near
     }
 
     /// The distance up to which more is better, mm.
@@ -130,7 +125,8 @@ impl Room {
                 least_along(&bound, ends, asked_mm)
             });
             if found_mm < asked_mm {
-                *least = Nearest { distance_mm: found_mm - allowance_mm, link, other: Some(Other::Obstacle(n)) };
+                *least =
+                    Nearest { distance_mm: found_mm - allowance_mm, link, other: Some(Other::Obstacle(n)) };
             }
         }
         for (other, _) in self.links.pairs.iter().filter(|(_, k)| *k == link) {

@@ -92,7 +92,12 @@ pub const MODELLED: &[Column] = &[
     Column::new("link_distance.near", "text", "", "What it comes near."),
     Column::new("link_distance.waypoint", "1", "", "The waypoint to which the arm is on its way then."),
     Column::new("link_distance.time_s", "s", "", "When it is there."),
-    Column::new("link_distance.clearance_mm", "mm", "", "The distance that links keep: `robot.link_clearance_mm`."),
+    Column::new(
+        "link_distance.clearance_mm",
+        "mm",
+        "",
+        "The distance that links keep: `robot.link_clearance_mm`.",
+    ),
     Column::new(
         "link_distance.head_beyond_mm",
         "mm",
