@@ -149,7 +149,7 @@ fn follow(
     into_range(arm, &mut resolved)?;
     if let Some(room) = path.room {
         for (pose, q) in resolved.q.chunks_exact(arm.dof()).enumerate() {
-            let near = room.nearest(q, room.clearance_mm()).filter(|nearest| nearest.other.is_some());
+            let near = room.nearest(q, [room.clearance_mm(); 2]).filter(|nearest| nearest.other.is_some());
             if let Some(nearest) = near {
                 return Err(OutOfReach { pose, reason: ReachReason::Meets(Meeting::of(room, &nearest)) });
             }
@@ -201,7 +201,7 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame, room: Opti
 
 /// Whether every link keeps the clearance of a room.
 fn is_clear(room: Option<&Room>, q: &[f64; 6]) -> bool {
-    let nearest = room.and_then(|room| room.nearest(q, room.clearance_mm()));
+    let nearest = room.and_then(|room| room.nearest(q, [room.clearance_mm(); 2]));
     nearest.is_none_or(|nearest| nearest.other.is_none())
 }
 
@@ -365,7 +365,7 @@ impl<'a> Nodes<'a> {
     fn crowding(&self, q: &[f64; 6]) -> f64 {
         let Some(room) = self.path.room else { return 0.0 };
         let preferred_mm = room.preferred_mm();
-        let Some(nearest) = room.nearest(q, preferred_mm) else { return 0.0 };
+        let Some(nearest) = room.nearest(q, [room.clearance_mm(), preferred_mm]) else { return 0.0 };
         if nearest.distance_mm < room.clearance_mm() {
             return f64::INFINITY;
         }
@@ -394,8 +394,10 @@ impl<'a> Nodes<'a> {
                     continue;
                 }
                 if here.is_none()
-                    && let Some(nearest) =
-                        self.path.room.and_then(|room| room.nearest(&q, room.preferred_mm()))
+                    && let Some(nearest) = self
+                        .path
+                        .room
+                        .and_then(|room| room.nearest(&q, [f64::NEG_INFINITY, room.preferred_mm()]))
                     && clearest.is_none_or(|other| other.distance_mm < nearest.distance_mm)
                 {
                     clearest = Some(nearest);

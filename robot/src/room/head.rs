@@ -22,7 +22,8 @@ impl Head {
         Self { distance_mm, ct_from_base: base_from_ct.inverse(), half_diagonal_mm }
     }
 
-    pub(super) fn at_least_mm(&self, p: &Point<Base>) -> f64 {
+    /// A bound, or any that is at least `enough_mm`.
+    pub(super) fn at_least_mm(&self, p: &Point<Base>, enough_mm: f64) -> f64 {
         let grid = self.distance_mm.grid();
         let (dims, spacing) = (grid.dims(), grid.spacing_mm());
         let place = grid.continuous_index(self.ct_from_base * *p);
@@ -32,12 +33,16 @@ impl Head {
             let held = place[k].clamp(-0.5, most);
             let nearest = held.round().clamp(0.0, dims[k] as f64 - 1.0);
             cell[k] = nearest as usize;
-            beyond += ((place[k] - held) * spacing[k]).powi(2);
-            within += ((held - nearest) * spacing[k]).powi(2);
+            let (out_mm, in_mm) = ((place[k] - held) * spacing[k], (held - nearest) * spacing[k]);
+            beyond += out_mm * out_mm;
+            within += in_mm * in_mm;
+        }
+        if enough_mm > 0.0 && beyond >= enough_mm * enough_mm {
+            return beyond.sqrt();
         }
         let value = f64::from(self.distance_mm.data()[grid.index(cell)]);
         let bound_mm = value - self.half_diagonal_mm - within.sqrt();
-        if beyond > 0.0 { beyond.sqrt().hypot(bound_mm.max(0.0)) } else { bound_mm }
+        if beyond > 0.0 { (beyond + bound_mm.max(0.0) * bound_mm.max(0.0)).sqrt() } else { bound_mm }
     }
 
     /// The most by which a bound falls short of the distance from the marked cells, mm.
@@ -77,7 +82,7 @@ mod tests {
             let to_box =
                 |c: &Point<Ct>| ((in_ct - *c).abs() - 0.5 * spacing).map(|mm: f64| mm.max(0.0)).norm();
             let truth = centres.iter().map(to_box).fold(f64::INFINITY, f64::min);
-            let bound = head.at_least_mm(&(base_from_ct * in_ct));
+            let bound = head.at_least_mm(&(base_from_ct * in_ct), f64::INFINITY);
             assert!(bound <= truth + 1e-4, "{n}: {bound} {truth}");
             let is_within = grid.nearest(in_ct).is_some();
             assert!(!is_within || bound >= truth - head.error_mm(), "{n}: {bound} {truth}");

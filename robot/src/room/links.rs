@@ -25,8 +25,10 @@ pub type Handpiece = Vec<Capsule<bonemill_geometry::Tool>>;
 pub struct ArmLinks {
     geometry: UrGeometry,
     capsules: [Vec<Capsule<Link>>; LINKS],
-    /// A ball about each link's capsules: its centre in the link's frame, its radius in mm.
-    balls: [(Point<Link>, f64); LINKS],
+    /// One capsule about each link's capsules.
+    whole: [Capsule<Link>; LINKS],
+    /// Radius of a ball about that capsule, mm.
+    ball_mm: [f64; LINKS],
     /// Bound on the distance of a link's points from a joint's axis, mm, by link and joint; 0 for joints that do not move it.
     reach_mm: [[f64; 6]; LINKS],
     /// Pairs of links that are held apart.
@@ -38,8 +40,9 @@ pub struct ArmLinks {
 /// Links where they are.
 pub(super) struct PlacedLinks<'a> {
     links: &'a ArmLinks,
-    poses: [Rigid<Base, Link>; 7],
-    balls: [Point<Base>; LINKS],
+    /// A capsule that holds all of each link, and its middle.
+    whole: [(Capsule<Base>, Point<Base>); LINKS],
+    poses: [Rigid<Base, Link>; LINKS],
 }
 
 impl ArmLinks {
@@ -63,21 +66,26 @@ impl ArmLinks {
             Some(capsules) => capsules.to_vec(),
             None => handpiece.iter().map(|capsule| capsule.moved(&link_from_burr)).collect(),
         });
-        let balls = std::array::from_fn(|link| ball(&capsules[link]));
+        let whole: [Capsule<Link>; LINKS] = std::array::from_fn(|link| whole(&capsules[link]));
         Some(Self {
             geometry,
             reach_mm: reach_mm(&geometry, &capsules),
             capsules,
-            balls,
+            ball_mm: whole.map(|c| 0.5 * c.length_mm() + c.radius_mm),
+            whole,
             pairs: pairs_held_apart().collect(),
             allowance_mm: if calibrated { deviation_mm(arm, &geometry) } else { 0.0 },
         })
     }
 
     pub(super) fn place(&self, q: &Joints) -> PlacedLinks<'_> {
-        let poses = self.geometry.link_poses(q);
-        let balls = std::array::from_fn(|link| poses[link.min(6)] * self.balls[link].0);
-        PlacedLinks { links: self, poses, balls }
+        let [base, a, b, c, d, e, f] = self.geometry.link_poses(q);
+        let poses = [base, a, b, c, d, e, f, f];
+        let whole = std::array::from_fn(|link| {
+            let capsule = self.whole[link].moved(&poses[link]);
+            (capsule, capsule.middle())
+        });
+        PlacedLinks { links: self, whole, poses }
     }
 
     /// The most that any point of a link moves between two joint vectors, mm: Σ |Δqⱼ| Rⱼ.
@@ -90,34 +98,54 @@ impl ArmLinks {
 impl PlacedLinks<'_> {
     /// The capsules of a link.
     pub fn capsules(&self, link: usize) -> impl Iterator<Item = Capsule<Base>> {
-        let pose = self.poses[link.min(6)];
+        let pose = self.poses[link];
         self.links.capsules[link].iter().map(move |capsule| capsule.moved(&pose))
+    }
+
+    /// One capsule that holds a link.
+    pub fn whole(&self, link: usize) -> &Capsule<Base> {
+        &self.whole[link].0
     }
 
     /// A ball that holds a link: its centre and its radius, mm.
     pub fn ball(&self, link: usize) -> (Point<Base>, f64) {
-        (self.balls[link], self.links.balls[link].1)
+        (self.whole[link].1, self.links.ball_mm[link])
     }
 
     /// The distance between two links, mm, or `cap_mm` where they are surely farther apart.
     pub fn between_mm(&self, a: usize, b: usize, cap_mm: f64) -> f64 {
-        let ((at, radius_mm), (other, other_mm)) = (self.ball(a), self.ball(b));
-        if at.distance_mm(&other) - radius_mm - other_mm >= cap_mm {
+        let ((at, ball_mm), (other_at, other_mm)) = (self.ball(a), self.ball(b));
+        let reach_mm = ball_mm + other_mm + cap_mm;
+        if reach_mm <= 0.0 || (at - other_at).norm_squared() >= reach_mm * reach_mm {
             return cap_mm;
         }
-        let pairs = self.capsules(a).flat_map(|one| self.capsules(b).map(move |two| one.to_capsule_mm(&two)));
-        pairs.fold(cap_mm, f64::min)
+        let (whole, other) = (self.whole(a), self.whole(b));
+        if whole.to_capsule_mm(other) >= cap_mm {
+            return cap_mm;
+        }
+        let near = |capsule: &Capsule<Base>| capsule.to_capsule_mm(other) < cap_mm;
+        let ones = self.capsules(a).filter(near);
+        ones.flat_map(|one| self.capsules(b).map(move |two| one.to_capsule_mm(&two))).fold(cap_mm, f64::min)
     }
 }
 
-/// A ball about capsules: about the middle of their bounding box.
-fn ball(capsules: &[Capsule<Link>]) -> (Point<Link>, f64) {
-    let ends = || capsules.iter().flat_map(|c| [(c.from.coords, c.radius_mm), (c.to.coords, c.radius_mm)]);
-    let first = capsules.first().map_or(Vector3::zeros(), |c| c.from.coords);
-    let low = ends().fold(first, |low, (p, r)| low.inf(&p.map(|x| x - r)));
-    let high = ends().fold(first, |high, (p, r)| high.sup(&p.map(|x| x + r)));
-    let middle = 0.5 * (low + high);
-    (Point::from_coords(middle), ends().map(|(p, r)| (p - middle).norm() + r).fold(0.0, f64::max))
+/// One capsule about capsules: its axis runs between the means of their ends, sorted by the longest capsule's direction.
+fn whole(capsules: &[Capsule<Link>]) -> Capsule<Link> {
+    let longest = capsules.iter().max_by(|a, b| a.length_mm().total_cmp(&b.length_mm()));
+    let Some(along) = longest.map(|c| c.to - c.from) else { return Capsule::new([0.0; 3], [0.0; 3], 0.0) };
+    let sorted = |c: &Capsule<Link>| {
+        if (c.to - c.from).dot(&along) >= 0.0 {
+            [c.from.coords, c.to.coords]
+        } else {
+            [c.to.coords, c.from.coords]
+        }
+    };
+    let mean =
+        |end: usize| capsules.iter().map(|c| sorted(c)[end]).sum::<Vector3<f64>>() / capsules.len() as f64;
+    let axis = Capsule { from: Point::from_coords(mean(0)), to: Point::from_coords(mean(1)), radius_mm: 0.0 };
+    // a capsule that holds the balls at both ends of another holds all of it
+    let out = |c: &Capsule<Link>| axis.distance_mm(&c.from).max(axis.distance_mm(&c.to)) + c.radius_mm;
+    Capsule { radius_mm: capsules.iter().map(out).fold(0.0, f64::max), ..axis }
 }
 
 /// Bounds on the distance of each link's points from each joint's axis, mm.

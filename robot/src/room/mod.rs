@@ -29,6 +29,8 @@ use links::{Joints, PlacedLinks};
 /// Pieces of an axis are halved until the bound is off by at most this, plus a share of the distance, mm.
 const PIECE_MM: f64 = 0.5;
 const PIECE_SHARE: f64 = 0.1;
+/// Half length of the pieces by which a whole link is tested, mm.
+const COARSE_MM: f64 = 20.0;
 /// Beyond so many clearances more distance is not preferred.
 const PREFERRED: f64 = 4.0;
 
@@ -96,39 +98,25 @@ impl Room {
         }
     }
 
-    /// The link that is nearest to anything, or `cap_mm` where none is nearer. `None` where `q` has not six values.
-    pub fn nearest(&self, q: &[f64], cap_mm: f64) -> Option<Nearest> {
+    /// The link that is nearest to anything, or `cap_mm` where none is nearer; the first that is found below `enough_mm`. `None`
+    /// where `q` has not six values.
+    pub fn nearest(&self, q: &[f64], [enough_mm, cap_mm]: [f64; 2]) -> Option<Nearest> {
         let q: &Joints = q.try_into().ok()?;
         let placed = self.links.place(q);
         let mut least = Nearest { distance_mm: cap_mm, link: 0, other: None };
-        for link in 1..LINKS {
-            self.of_link(&placed, link, &mut least);
+        // the outer links first: they are where the work is
+        for link in (1..LINKS).rev() {
+            self.of_link(&placed, link, enough_mm, &mut least);
+            if least.distance_mm < enough_mm {
+                break;
+            }
         }
         Some(least)
     }
 
-    /// Lowers `least` to a link's distance from obstacles and from the links before it.
-    fn of_link(&self, placed: &PlacedLinks<'_>, link: usize, least: &mut Nearest) {
-        let (at, radius_mm) = placed.ball(link);
+    /// Lowers `least` to a link's distance from obstacles and from the links before it, or to any that is below `enough_mm`.
+    fn of_link(&self, placed: &PlacedLinks<'_>, link: usize, enough_mm: f64, least: &mut Nearest) {
         let allowance_mm = self.links.allowance_mm;
-        for (n, obstacle) in self.obstacles.iter().enumerate() {
-            if link == HANDPIECE && !obstacle.is_for_handpiece() {
-                continue;
-            }
-            let asked_mm = least.distance_mm + allowance_mm;
-            if obstacle.at_least_mm(&at) - radius_mm >= asked_mm {
-                continue;
-            }
-            let found_mm = placed.capsules(link).fold(asked_mm, |asked_mm, capsule| {
-                let ends = [capsule.from, capsule.to];
-                let bound = |p: &Point<Base>| obstacle.at_least_mm(p) - capsule.radius_mm;
-                least_along(&bound, ends, asked_mm)
-            });
-            if found_mm < asked_mm {
-                *least =
-                    Nearest { distance_mm: found_mm - allowance_mm, link, other: Some(Other::Obstacle(n)) };
-            }
-        }
         for (other, _) in self.links.pairs.iter().filter(|(_, k)| *k == link) {
             let asked_mm = least.distance_mm + 2.0 * allowance_mm;
             let found_mm = placed.between_mm(*other, link, asked_mm);
@@ -137,22 +125,124 @@ impl Room {
                 *least = Nearest { distance_mm, link, other: Some(Other::Link(*other)) };
             }
         }
+        for (n, obstacle) in self.obstacles.iter().enumerate() {
+            if least.distance_mm < enough_mm {
+                return;
+            }
+            if link == HANDPIECE && !obstacle.is_for_handpiece() {
+                continue;
+            }
+            let asked_mm = least.distance_mm + allowance_mm;
+            let search = Search { obstacle, radius_mm: 0.0, enough_mm: enough_mm + allowance_mm };
+            let found_mm = search.of(placed, link, asked_mm);
+            if found_mm < asked_mm {
+                *least =
+                    Nearest { distance_mm: found_mm - allowance_mm, link, other: Some(Other::Obstacle(n)) };
+            }
+        }
     }
 }
 
-/// The least value of a bound along a segment, at most `asked_mm`. The bound is of a distance, so it falls by at most the way.
-fn least_along(bound: &impl Fn(&Point<Base>) -> f64, [from, to]: [Point<Base>; 2], asked_mm: f64) -> f64 {
-    let half_mm = 0.5 * from.distance_mm(&to);
-    let middle = Point::from_coords(0.5 * (from.coords + to.coords));
-    let value = bound(&middle);
-    if value - half_mm >= asked_mm {
-        return asked_mm;
+/// The search for the least distance of a capsule from an obstacle.
+#[derive(Clone, Copy)]
+struct Search<'a> {
+    obstacle: &'a Obstacle,
+    /// Of the capsule, mm.
+    radius_mm: f64,
+    /// Any distance below this ends the search, mm.
+    enough_mm: f64,
+}
+
+impl Search<'_> {
+    /// A link's distance, at most `asked_mm`.
+    fn of(&self, placed: &PlacedLinks<'_>, link: usize, asked_mm: f64) -> f64 {
+        let (whole, (middle, ball_mm)) = (placed.whole(link), placed.ball(link));
+        if self.obstacle.at_least_mm(&middle, asked_mm + ball_mm) - ball_mm >= asked_mm {
+            return asked_mm;
+        }
+        let of_whole = Self { radius_mm: whole.radius_mm, ..*self };
+        if of_whole.is_beyond([whole.from, whole.to], asked_mm) {
+            return asked_mm;
+        }
+        let mut least = asked_mm;
+        for capsule in placed.capsules(link) {
+            let of_piece = Self { radius_mm: capsule.radius_mm, ..*self };
+            let ends = [capsule.from, capsule.to];
+            least = if self.obstacle.is_convex() {
+                of_piece.least_of_convex(ends, least)
+            } else {
+                of_piece.least_along(ends, least)
+            };
+            if least < self.enough_mm {
+                break;
+            }
+        }
+        least
     }
-    if half_mm <= PIECE_MM + PIECE_SHARE * value.max(0.0) {
-        return value - half_mm;
+
+    /// A bound on the distance of the capsule's surface about a point of its axis, mm, or any that is at least `plenty_mm`.
+    fn bound_mm(&self, p: &Point<Base>, plenty_mm: f64) -> f64 {
+        self.obstacle.at_least_mm(p, plenty_mm + self.radius_mm) - self.radius_mm
     }
-    let asked_mm = least_along(bound, [from, middle], asked_mm);
-    least_along(bound, [middle, to], asked_mm)
+
+    /// Whether the distance is nowhere below `asked_mm` along an axis; `false` where that is not certain.
+    fn is_beyond(&self, [from, to]: [Point<Base>; 2], asked_mm: f64) -> bool {
+        let half_mm = 0.5 * from.distance_mm(&to);
+        let middle = between(from, to, 0.5);
+        let value = self.bound_mm(&middle, asked_mm + half_mm);
+        if value - half_mm >= asked_mm {
+            return true;
+        }
+        value >= asked_mm
+            && half_mm > COARSE_MM
+            && self.is_beyond([from, middle], asked_mm)
+            && self.is_beyond([middle, to], asked_mm)
+    }
+
+    /// The least distance along an axis, at most `asked_mm`. A bound of a distance falls by at most the way.
+    fn least_along(&self, [from, to]: [Point<Base>; 2], asked_mm: f64) -> f64 {
+        let half_mm = 0.5 * from.distance_mm(&to);
+        let middle = between(from, to, 0.5);
+        let value = self.bound_mm(&middle, asked_mm + half_mm);
+        if value - half_mm >= asked_mm {
+            return asked_mm;
+        }
+        if value < self.enough_mm || half_mm <= PIECE_MM + PIECE_SHARE * value.max(0.0) {
+            return value - half_mm;
+        }
+        let asked_mm = self.least_along([from, middle], asked_mm);
+        if asked_mm < self.enough_mm { asked_mm } else { self.least_along([middle, to], asked_mm) }
+    }
+
+    /// The same for a distance that is convex along the axis: the least value lies between the neighbours of the least of three.
+    fn least_of_convex(&self, [from, to]: [Point<Base>; 2], asked_mm: f64) -> f64 {
+        let mut length_mm = from.distance_mm(&to);
+        let (mut low, mut high, mut middle) = (from, to, between(from, to, 0.5));
+        let mut value = self.bound_mm(&middle, asked_mm + length_mm);
+        loop {
+            if value - 0.5 * length_mm >= asked_mm {
+                return asked_mm;
+            }
+            if value < self.enough_mm || 0.5 * length_mm <= PIECE_MM + PIECE_SHARE * value.max(0.0) {
+                return value - 0.5 * length_mm;
+            }
+            let quarters = [between(low, middle, 0.5), between(middle, high, 0.5)];
+            let [before, after] = quarters.map(|p| self.bound_mm(&p, f64::INFINITY));
+            (low, middle, high, value) = if before < value {
+                (low, quarters[0], middle, before)
+            } else if after < value {
+                (middle, quarters[1], high, after)
+            } else {
+                (quarters[0], middle, quarters[1], value)
+            };
+            length_mm *= 0.5;
+        }
+    }
+}
+
+/// The point at a share of the way.
+fn between(from: Point<Base>, to: Point<Base>, share: f64) -> Point<Base> {
+    from + (to - from) * share
 }
 
 #[cfg(test)]

@@ -87,7 +87,7 @@ impl Room {
         std::array::from_fn(|link| {
             let mut least = Nearest { distance_mm: CAP_MM, link, other: None };
             if link > 0 {
-                self.of_link(&placed, link, &mut least);
+                self.of_link(&placed, link, f64::NEG_INFINITY, &mut least);
             }
             least
         })

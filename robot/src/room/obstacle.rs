@@ -45,8 +45,8 @@ pub struct Obstacle {
 
 impl Obstacle {
     /// A bound on the distance of a point from the obstacle, mm: at most the true distance, and off by no more than
-    /// [`Obstacle::error_mm`]. Negative inside.
-    pub fn at_least_mm(&self, p: &Point<Base>) -> f64 {
+    /// [`Obstacle::error_mm`], or any bound that is at least `enough_mm`. Negative inside.
+    pub fn at_least_mm(&self, p: &Point<Base>, enough_mm: f64) -> f64 {
         match &self.shape {
             Shape::Box { box_from_base, half_mm } => {
                 let beyond = (*box_from_base * *p).coords.abs() - half_mm;
@@ -58,16 +58,21 @@ impl Obstacle {
                 let z_mm = along.dot(&away) / length_mm;
                 let out_mm = (away.norm_squared() - z_mm * z_mm).max(0.0).sqrt() - radius_mm;
                 let over_mm = (z_mm - 0.5 * length_mm).abs() - 0.5 * length_mm;
-                out_mm.max(0.0).hypot(over_mm.max(0.0)) + out_mm.max(over_mm).min(0.0)
+                (out_mm.max(0.0).powi(2) + over_mm.max(0.0).powi(2)).sqrt() + out_mm.max(over_mm).min(0.0)
             }
             Shape::Capsule(c) => point_segment_mm(&p.coords, &c.from.coords, &c.to.coords) - c.radius_mm,
-            Shape::Head(head) => head.at_least_mm(p),
+            Shape::Head(head) => head.at_least_mm(p, enough_mm),
         }
     }
 
     /// The most by which [`Obstacle::at_least_mm`] falls short of the true distance outside, mm.
     pub fn error_mm(&self) -> f64 {
         if let Shape::Head(head) = &self.shape { head.error_mm() } else { 0.0 }
+    }
+
+    /// Whether its distance is convex: on a line it falls and then rises.
+    pub(super) fn is_convex(&self) -> bool {
+        !matches!(self.shape, Shape::Head(_))
     }
 
     /// Whether the tool's handpiece may not touch it either: everything but the patient, whom the access test of the shank is
@@ -112,7 +117,7 @@ mod tests {
                 let share = |k: i32| f64::from((n * k) % 201) / 100.5 - 1.0;
                 let p = at * Point::<Base>::new(80.0 * share(7), 80.0 * share(31), 60.0 * share(57));
                 let sampled = surface.iter().map(|s| s.distance_mm(&p)).fold(f64::INFINITY, f64::min);
-                let found = obstacle.at_least_mm(&p).abs();
+                let found = obstacle.at_least_mm(&p, f64::INFINITY).abs();
                 assert!(found <= sampled + 1e-9 && found > sampled - 1.6, "{n}: {found} {sampled}");
             }
         }

@@ -68,7 +68,7 @@ fn sampled_mm(room: &Room, q: &[f64; 6], step_mm: f64) -> f64 {
                 let way = (capsule.to - capsule.from) * (n as f64 / steps);
                 let p = capsule.from + way;
                 for obstacle in room.obstacles() {
-                    least = least.min(obstacle.at_least_mm(&p) - capsule.radius_mm);
+                    least = least.min(obstacle.at_least_mm(&p, f64::INFINITY) - capsule.radius_mm);
                 }
                 for (other, _) in room.links.pairs.iter().filter(|(_, k)| *k == link) {
                     let others = placed.capsules(*other).map(|c| c.distance_mm(&p));
@@ -86,7 +86,7 @@ fn a_posture_s_distance_is_below_every_sample_and_near_the_least() {
     let mut seen = [0usize; 2];
     for n in 0..100_000 {
         let q: [f64; 6] = std::array::from_fn(|_| (2.0 * next() - 1.0) * PI);
-        let found = room.nearest(&q, 300.0).unwrap();
+        let found = room.nearest(&q, [f64::NEG_INFINITY, 300.0]).unwrap();
         // coarse samples bound the distance from above, too
         let sampled = sampled_mm(&room, &q, if n % 50 == 0 { 1.0 } else { 40.0 });
         assert!(found.distance_mm <= sampled + 1e-9, "{n}: {found:?} {sampled}");
@@ -108,7 +108,7 @@ fn a_smaller_question_has_the_same_answer() {
     let (room, mut next) = (room(), stream(4));
     for _ in 0..5000 {
         let q: [f64; 6] = std::array::from_fn(|_| (2.0 * next() - 1.0) * PI);
-        let [far, near] = [400.0, 10.0].map(|cap| room.nearest(&q, cap).unwrap());
+        let [far, near] = [400.0, 10.0].map(|cap| room.nearest(&q, [f64::NEG_INFINITY, cap]).unwrap());
         // the coarser answer may be lower by its piece and share
         assert!((near.distance_mm - far.distance_mm.min(10.0)).abs() < 2.0, "{near:?} {far:?}");
         assert!(near.other.is_some() == (near.distance_mm < 10.0));
@@ -159,7 +159,7 @@ fn a_folded_arm_meets_itself() {
     let room = room();
     assert!(room.links.pairs.iter().all(|(i, k)| k - i >= 2));
     let folded = [0.0, -1.2, 3.05, 0.0, 1.5, 0.0];
-    let nearest = room.nearest(&folded, 10.0).unwrap();
+    let nearest = room.nearest(&folded, [10.0; 2]).unwrap();
     assert!(matches!(nearest.other, Some(Other::Link(_))), "{nearest:?}");
 }
 
