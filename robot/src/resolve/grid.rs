@@ -17,17 +17,17 @@ use rayon::prelude::*;
 
 use crate::room::{Nearest, Room};
 
-use super::rolls::{between, even_out};
+use super::rolls::{ChosenRolls, between, even_out, traced};
 use super::{
     EXACT, Follower, Meeting, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding,
 };
 
 /// Number of sampled rolls.
-const ROLLS: usize = 36;
+pub(super) const ROLLS: usize = 36;
 /// Angle between neighbouring rolls, rad.
 pub(super) const STEP_RAD: f64 = TAU / ROLLS as f64;
 /// Branches of a UR.
-const BRANCHES: usize = 8;
+pub(super) const BRANCHES: usize = 8;
 /// Layers computed at a time.
 const PORTION: usize = 128;
 /// w: weight of the joints' motion against the posture's cost, mm.
@@ -156,12 +156,6 @@ fn follow(
         }
     }
     Ok(resolved)
-}
-
-/// Rolls as the dynamic program chose them.
-struct ChosenRolls {
-    branch: u8,
-    roll_rad: Vec<f64>,
 }
 
 /// One in this many rolls is tested before there is a path.
@@ -486,21 +480,4 @@ fn motion(
         }
     }
     motion
-}
-
-/// Traces the chosen rolls back from the best end.
-fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
-    let (branch, mut roll) = (best / ROLLS, best % ROLLS);
-    let mut turns = vec![0i64; count];
-    let mut place = roll as i64;
-    for i in (0..count).rev() {
-        turns[i] = place;
-        match from[i * BRANCHES * ROLLS + branch * ROLLS + roll] {
-            0 if i > 0 => (roll, place) = ((roll + ROLLS - 1) % ROLLS, place - 1),
-            2 if i > 0 => (roll, place) = ((roll + 1) % ROLLS, place + 1),
-            _ => {}
-        }
-    }
-    let roll_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
-    ChosenRolls { branch: branch as u8, roll_rad }
 }

@@ -1,11 +1,34 @@
-//! Rolls between the sampled poses of a path: interpolated along it, then smoothed.
+//! Rolls of a path: traced back through the dynamic program, interpolated between its poses, then smoothed.
 
 use bonemill_arm::ur::ik::wrapped;
 
-use super::grid::{SHORTEST_MM, STEP_RAD};
+use super::grid::{BRANCHES, ROLLS, SHORTEST_MM, STEP_RAD};
 
 /// Number of sweeps that smooth the rolls.
 const SWEEPS: usize = 64;
+
+/// Rolls as the dynamic program chose them.
+pub(super) struct ChosenRolls {
+    pub branch: u8,
+    pub roll_rad: Vec<f64>,
+}
+
+/// Traces the chosen rolls back from the best end.
+pub(super) fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
+    let (branch, mut roll) = (best / ROLLS, best % ROLLS);
+    let mut turns = vec![0i64; count];
+    let mut place = roll as i64;
+    for i in (0..count).rev() {
+        turns[i] = place;
+        match from[i * BRANCHES * ROLLS + branch * ROLLS + roll] {
+            0 if i > 0 => (roll, place) = ((roll + ROLLS - 1) % ROLLS, place - 1),
+            2 if i > 0 => (roll, place) = ((roll + 1) % ROLLS, place + 1),
+            _ => {}
+        }
+    }
+    let roll_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
+    ChosenRolls { branch: branch as u8, roll_rad }
+}
 
 /// Rolls of every pose, interpolated linearly along the path between the poses `at`.
 pub(super) fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
