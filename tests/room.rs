@@ -54,7 +54,8 @@ fn check_of<'a>(checks: &'a [Check], name: &str) -> &'a Check {
 
 #[test]
 fn links_go_round_an_obstacle_or_the_plan_says_what_is_in_the_way() {
-    let free = planned(&beside(""));
+    let healthy = beside("");
+    let free = planned(&healthy);
     assert!(least_mm(&free) >= 10.0);
     let elbow = free.arm.joint_places(free.trajectory.q_at(0)).unwrap()[2];
     let ball = ObstacleShape::Ball { center_mm: elbow.coords, radius_mm: 60.0 };
@@ -102,7 +103,8 @@ fn links_go_round_an_obstacle_or_the_plan_says_what_is_in_the_way() {
 
 #[test]
 fn a_patient_where_the_arm_is_fails_the_verification() {
-    let free = planned(&beside(""));
+    let healthy = beside("");
+    let free = planned(&healthy);
     let mut faulty = StoredPlan::load(&free.dir).unwrap();
     // the patient is where the forearm is
     let places = free.arm.joint_places(free.trajectory.q_at(0)).unwrap();

@@ -149,7 +149,7 @@ fn follow(
     into_range(arm, &mut resolved)?;
     if let Some(room) = path.room {
         for (pose, q) in resolved.q.chunks_exact(arm.dof()).enumerate() {
-            let near = room.nearest(q, [room.clearance_mm(); 2]).filter(|nearest| nearest.other.is_some());
+            let near = room.nearest(q, [room.kept_mm(); 2]).filter(|nearest| nearest.other.is_some());
             if let Some(nearest) = near {
                 return Err(OutOfReach { pose, reason: ReachReason::Meets(Meeting::of(room, &nearest)) });
             }
@@ -195,7 +195,7 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame, room: Opti
 
 /// Whether every link keeps the clearance of a room.
 fn is_clear(room: Option<&Room>, q: &[f64; 6]) -> bool {
-    let nearest = room.and_then(|room| room.nearest(q, [room.clearance_mm(); 2]));
+    let nearest = room.and_then(|room| room.nearest(q, [room.kept_mm(); 2]));
     nearest.is_none_or(|nearest| nearest.other.is_none())
 }
 
@@ -359,11 +359,11 @@ impl<'a> Nodes<'a> {
     fn crowding(&self, q: &[f64; 6]) -> f64 {
         let Some(room) = self.path.room else { return 0.0 };
         let preferred_mm = room.preferred_mm();
-        let Some(nearest) = room.nearest(q, [room.clearance_mm(), preferred_mm]) else { return 0.0 };
-        if nearest.distance_mm < room.clearance_mm() {
+        let Some(nearest) = room.nearest(q, [room.kept_mm(), preferred_mm]) else { return 0.0 };
+        if nearest.distance_mm < room.kept_mm() {
             return f64::INFINITY;
         }
-        if preferred_mm <= 0.0 { 0.0 } else { CROWDING * (1.0 - nearest.distance_mm / preferred_mm).powi(2) }
+        CROWDING * (1.0 - nearest.distance_mm / preferred_mm).powi(2)
     }
 
     /// Why no node of a layer can be reached.
@@ -403,7 +403,7 @@ impl<'a> Nodes<'a> {
             }
         }
         if let (Some(room), Some(nearest)) = (self.path.room, clearest)
-            && nearest.distance_mm < room.clearance_mm()
+            && nearest.distance_mm < room.kept_mm()
         {
             return ReachReason::Meets(Meeting::of(room, &nearest));
         }

@@ -28,9 +28,11 @@ use links::{Joints, PlacedLinks};
 
 /// Pieces of an axis are halved until the bound is off by at most this, plus a share of the distance, mm.
 const PIECE_MM: f64 = 0.5;
-const PIECE_SHARE: f64 = 0.1;
+const PIECE_SHARE: f64 = 0.05;
 /// Half length of the pieces by which a whole link is tested, mm.
 const COARSE_MM: f64 = 20.0;
+/// Postures are chosen with so much more than the clearance, mm: what the bounds at a posture and along a move may lose.
+const KEPT_BEYOND_MM: f64 = 1.5;
 /// Beyond so many clearances more distance is not preferred.
 const PREFERRED: f64 = 4.0;
 
@@ -79,6 +81,11 @@ impl Room {
         self.clearance_mm
     }
 
+    /// The distance that postures are chosen with, mm: the clearance and what bounds may lose.
+    pub fn kept_mm(&self) -> f64 {
+        self.clearance_mm + KEPT_BEYOND_MM
+    }
+
     /// What stands in the room.
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles
@@ -86,7 +93,7 @@ impl Room {
 
     /// The distance up to which more is better, mm.
     pub fn preferred_mm(&self) -> f64 {
-        PREFERRED * self.clearance_mm
+        PREFERRED * self.clearance_mm + KEPT_BEYOND_MM
     }
 
     /// The name of what a link is near.
