@@ -94,7 +94,7 @@ fn links_go_round_an_obstacle_or_the_plan_says_what_is_in_the_way() {
     });
     let place =
         beside(&format!("[[obstacle]]\nname = \"shelf\"\nbox = {{ min_mm = {low:?}, max_mm = {high:?} }}\n"));
-    place.refuses(&[
+    place.falls_short_of_a_plan(&[
         "the arm cannot reach waypoint",
         "runs into shelf by up to",
         "robot.link_clearance_mm = 10",
