@@ -1,7 +1,7 @@
 //! The room of a case: the arm's links, the patient as scanned, and the obstacles.
 //!
-//! The patient is every voxel above [`TISSUE_HU`], on cells of about [`CELL_MM`]: a cell belongs to the patient if any of its
-//! voxels does. Air that is not joined to the scan's border is filled, and pieces below [`SPECK_MM3`] are left out. Cells of the
+//! The patient is every voxel above -300 HU, on cells of about 2.5 mm: a cell belongs to the patient if any of its
+//! voxels does. Air that is not joined to the scan's border is filled, and pieces below 500 mm³ are left out. Cells of the
 //! scan's outermost layer are repeated beyond it for `robot.head_beyond_mm`.
 
 use bonemill_arm::{Arm, ArmKind};
