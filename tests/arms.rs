@@ -171,7 +171,8 @@ fn a_ur_s_elbow_stays_above_its_mounting_plane() {
         assert!(model != UrModel::Ur5e || branch.contains("elbow-up"), "{branch}");
     }
     // a requested branch is taken, and the plan states how far below the plane the arm goes
-    let place = with_robot(&format!("model = \"ur5e\"\n{MOUNT}\nbranch = \"elbow-down\""));
+    let place =
+        with_robot(&format!("model = \"ur5e\"\n{MOUNT}\nbranch = \"elbow-down\"\nlink_clearance_mm = 4"));
     let plan = planned(&place);
     let lowest_mm = lowest_link_mm(&plan);
     assert!(lowest_mm < -10.0 && says_below(&plan), "{lowest_mm} mm: {:?}", plan.record.warnings);

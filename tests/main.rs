@@ -30,6 +30,7 @@ mod numbers;
 mod prosthesis;
 mod registration;
 mod report;
+mod room;
 mod same_plan;
 mod scan_edge;
 mod shortfalls;

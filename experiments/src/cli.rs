@@ -22,6 +22,9 @@ pub struct ExperimentArgs {
     /// Your own case file in addition to the bodies, for `pareto`
     #[arg(long, value_name = "FILE")]
     pub case: Option<PathBuf>,
+    /// Checkout of Universal Robots' ROS 2 description, for `link-capsules`
+    #[arg(long, value_name = "DIR")]
+    pub meshes: Option<PathBuf>,
     /// Folder for tables, as Markdown and CSV, and pictures, as SVG
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -45,7 +48,12 @@ pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> Result<ExperimentO
         return Err(ExperimentError::Unknown { name: args.name.clone(), known: known.join("; ") });
     };
     let tables = (experiment.run)(
-        Size { seeds: args.seeds, first: args.first, case: args.case.as_deref() },
+        Size {
+            seeds: args.seeds,
+            first: args.first,
+            case: args.case.as_deref(),
+            meshes: args.meshes.as_deref(),
+        },
         progress,
     )?;
     if let Some(dir) = &args.out {
@@ -76,7 +84,14 @@ mod tests {
 
     #[test]
     fn an_unknown_experiment_lists_those_there_are() {
-        let args = ExperimentArgs { name: "nonsense".into(), seeds: 1, first: 1, case: None, out: None };
+        let args = ExperimentArgs {
+            name: "nonsense".into(),
+            seeds: 1,
+            first: 1,
+            case: None,
+            meshes: None,
+            out: None,
+        };
         let Err(error) = run(&args, &()) else { panic!("it ran") };
         let text = error.to_string();
         assert!(text.contains("no experiment is called \"nonsense\"; there are "), "{text}");

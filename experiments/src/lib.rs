@@ -15,6 +15,7 @@ mod figures;
 pub mod force_error;
 pub mod haptic;
 pub mod hard_cases;
+mod link_capsules;
 mod orientation;
 mod pareto;
 pub mod peers;
@@ -43,6 +44,8 @@ pub struct Size<'a> {
     pub first: u64,
     /// The user's own case, for experiments that take one.
     pub case: Option<&'a Path>,
+    /// Universal Robots' ROS 2 description, for `link-capsules`.
+    pub meshes: Option<&'a Path>,
 }
 
 impl Size<'_> {
@@ -71,6 +74,25 @@ pub enum ExperimentError {
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
+    },
+    /// `link-capsules` without its meshes.
+    #[error("needs --meshes DIR: a checkout of github.com/UniversalRobots/Universal_Robots_ROS2_Description")]
+    NoMeshes,
+    /// A link's mesh cannot be read.
+    #[error("{}", path.display())]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: bonemill_planner::part::PartError,
+    },
+    /// Places of meshes in their links' frames cannot be read.
+    #[error("{} does not give shoulder_offset, elbow_offset and three visual_offset", path.display())]
+    Offsets {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason, where there is one.
+        source: Option<io::Error>,
     },
     /// A temporary folder cannot be made.
     #[error("cannot write a phantom's files to the temporary folder")]
@@ -153,6 +175,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "kinematics",
         about: "forward kinematics and Jacobians for other libraries to compare with: long tables, for --out with --quiet",
         run: arms::run_kinematics,
+    },
+    Experiment {
+        name: "link-capsules",
+        about: "capsules that enclose the links of UR arms, proved on the meshes in --meshes, and their excess",
+        run: link_capsules::run,
     },
     Experiment {
         name: "peers",

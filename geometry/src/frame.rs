@@ -35,6 +35,8 @@ frames! {
     Base = "base",
     /// The robot's tip, where the tool is mounted.
     Flange = "flange",
+    /// A link of the arm: the DH frame of the joint that moves it, after the joint's rotation; of the base, base itself.
+    Link = "link",
     /// Origin at the burr's centre, z along the shaft to the handpiece.
     Tool = "tool",
     /// A part to be machined, as its file gives it, in mm.

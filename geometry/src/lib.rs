@@ -1,4 +1,4 @@
-//! What every other crate builds on: frames, grids, volumes, triangle meshes, progress, and stopping long computations.
+//! What every other crate builds on: frames, grids, volumes, triangle meshes, capsules, progress, and stopping long computations.
 //!
 //! If two frames are mixed up, or a voxel index with millimetres, no error is seen, and beside a nerve that is
 //! dangerous. So points and transforms carry their frame in the type, and [`Grid`] is the only place where an index
@@ -14,6 +14,7 @@
 
 pub mod basis;
 pub mod cancel;
+pub mod capsule;
 mod frame;
 mod grid;
 mod mesh;
@@ -24,7 +25,8 @@ mod target;
 pub mod testkit;
 mod volume;
 
-pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Lps, Part, Point, Tool, Work};
+pub use capsule::Capsule;
+pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Link, Lps, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use progress::{JobPosition, Progress, Stage};

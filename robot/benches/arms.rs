@@ -66,8 +66,14 @@ fn paths(c: &mut Criterion) {
     let arm = ur5e();
     let (poses, length_mm) = raster(20_000);
     let frame = RollFrame::about(&Vector3::z_axis());
-    let path =
-        PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
+    let path = PosePath {
+        poses: &poses,
+        length_mm: &length_mm,
+        frame,
+        stiffness: None,
+        posture: Posture::Any,
+        room: None,
+    };
     let mut group = c.benchmark_group("20 000 waypoints");
     group.sample_size(10);
     group.bench_function("redundancy", |b| b.iter(|| resolve(black_box(&arm), &path)));

@@ -3,7 +3,7 @@
 //! A URDF is checked once and becomes an [`Arm`], which is plain data in mm and rad (the readers convert metres).
 //! Forward kinematics, Jacobian, inverse and compliance work for any serial arm. UR arms ([`ur`]) and the supplied 4-DOF
 //! [`arm::bone_attached`] have an inverse in closed form. [`resolve`] chooses joint vectors along a whole path of points
-//! and axes, [`timelaw`] turns them into a motion that keeps velocity, acceleration and jerk limits at every instant, and
+//! and axes, keeping the links clear of what stands in the [`room`]; [`timelaw`] turns them into a motion that keeps velocity, acceleration and jerk limits at every instant, and
 //! [`export`] writes it.
 //!
 //! Invariants: only [`arm::load`], [`arm::read_urdf`] and [`ur::read_calibration`] open a file; exporters write to a writer
@@ -31,6 +31,7 @@
 
 pub mod export;
 pub mod resolve;
+pub mod room;
 pub mod stream;
 pub mod timelaw;
 

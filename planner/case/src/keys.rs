@@ -413,11 +413,12 @@ table! {
     }
 }
 
+pub(super) mod room;
 pub(super) mod tool;
 
 /// Every key of a case, for the documentation.
 pub(super) fn case_entries() -> Vec<Entry> {
-    [entries(), tool::entries()].concat()
+    [entries(), room::entries(), tool::entries()].concat()
 }
 
 /// A key as the documentation shows it.

@@ -23,6 +23,7 @@ pub mod prosthesis;
 mod rank;
 mod reference;
 mod relations;
+mod room;
 mod suggest;
 #[cfg(test)]
 mod tests;
@@ -53,6 +54,7 @@ pub use keys::{DEFAULT_BONE_HU, Unit};
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
 pub use reference::reference;
+pub use room::{HeadSource, Obstacle, ObstacleFrame, ObstacleShape, RoomSpec};
 pub use suggest::nearest;
 pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, ToolSpec};
 pub use walker::{as_number, line_at};
@@ -80,6 +82,8 @@ pub struct Case {
     pub least_share: f64,
     /// What must not be touched.
     pub structures: Vec<Structure>,
+    /// What stands around the arm.
+    pub obstacles: Vec<Obstacle>,
     /// Where the arm holds for the user.
     pub holds: Vec<Hold>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction along which burr and shank reach most of the target.
@@ -456,6 +460,8 @@ pub struct RobotSpec {
     pub acceleration_limits: Option<Vec<f64>>,
     /// mm/s³ or rad/s³.
     pub jerk_limits: Option<Vec<f64>>,
+    /// How its links keep away from what is around them.
+    pub room: RoomSpec,
     /// Sampling rate of the trajectory, Hz.
     pub rate_hz: f64,
 }

@@ -14,6 +14,7 @@ use super::parse_label::{read_label, read_segment};
 use super::parse_robot::read_robot;
 use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
+use super::room::read_obstacles;
 use super::walker::{Log, Walk, line_at};
 use super::{
     Accuracy, Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Level,
@@ -129,6 +130,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         less,
         least_share,
         structures: read_structures(&root),
+        obstacles: read_obstacles(&root),
         holds: read_holds(&root),
         approach: read_approach(root.table("approach")),
         shank: read_shank(root.table("shank")),

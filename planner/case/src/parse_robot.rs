@@ -12,13 +12,15 @@ use super::error::CaseFault;
 use super::keys::{self as k, Number};
 use super::parse::BONE_ATTACHED;
 use super::walker::{Walk, as_number};
-use super::{Registration, RobotSpec};
+use super::{Registration, RobotSpec, RoomSpec};
 
 pub(super) fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
     let base_from_ct = t.table("base_from_ct");
     let flange_from_burr = t.table("flange_from_burr");
+    let model = t.text(&k::MODEL).unwrap_or_else(|| BONE_ATTACHED.into());
     let robot = RobotSpec {
-        model: t.text(&k::MODEL).unwrap_or_else(|| BONE_ATTACHED.into()),
+        room: RoomSpec::read(&t, &model),
+        model,
         calibration: t.text(&k::CALIBRATION).map(PathBuf::from),
         branch: read_branch(&t),
         base_from_ct: read_registration(base_from_ct),

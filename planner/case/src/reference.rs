@@ -87,6 +87,7 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "orientation",
         "speed",
         "robot",
+        "obstacle",
         "registration",
         "grid",
         "accuracy",
@@ -112,8 +113,8 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nct_series = \"1.2.3\"\nlabels = \"l\"\n[target]\nlabel = 1\nalso = [{ label = 3 }]\nless = [{ label = 4 }]\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
-        [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nct_series = \"1.2.3\"\nlabels = \"l\"\n[target]\nlabel = 1\nalso = [{ label = 3 }]\nless = [{ label = 4 }]\n[[structure]]\nname = \"s\"\nlabel = 2\n[[obstacle]]\nname = \"o\"\nball = { center_mm = [0, 0, 0], radius_mm = 5 }\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
+        [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\nlink_clearance_mm = 12\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
         flange_from_burr = { translation_mm = [0, 0, 0], rpy_rad = [0, 0, 0] }\n[accuracy]\nforce = 0.02\nremoved = 0.01\ndistance_mm = 0.02\n";
@@ -126,7 +127,7 @@ mod tests {
     fn every_key_that_is_written_is_documented_and_the_other_way_round() {
         let case = Case::parse(FULL, Path::new("full.toml")).unwrap();
         let channel = Case::parse(CHANNEL, Path::new("channel.toml")).unwrap();
-        let mut keys = vec!["structure".to_owned(), "hold".to_owned()];
+        let mut keys = vec!["structure".to_owned(), "hold".to_owned(), "obstacle".to_owned()];
         for written in [case.to_toml(), channel.to_toml()] {
             let mut table = String::new();
             for line in written.lines().filter(|l| !l.is_empty()) {
@@ -145,6 +146,8 @@ mod tests {
             "target.b",
             "target.f",
             "target.less.",
+            "obstacle.b",
+            "obstacle.c",
             "structure.segment",
             "structure.file",
             "robot.base_from_ct.",
@@ -169,7 +172,7 @@ mod tests {
             // a default that is a value, not a description, may as well stand in the file
             let is_value =
                 e.default.parse::<f64>().is_ok() || e.default.starts_with('[') || e.default.starts_with('"');
-            let is_apart = |t: &str| ["structure", "drill", "reamer", "mesh"].contains(&t);
+            let is_apart = |t: &str| ["structure", "obstacle", "drill", "reamer", "mesh"].contains(&t);
             if let Some((table, name)) =
                 e.path.split_once('.').filter(|(t, n)| is_value && !is_apart(t) && !n.contains('.'))
             {

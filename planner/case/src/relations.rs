@@ -3,6 +3,7 @@
 use super::error::CaseFault;
 use super::hold::judge_holds;
 use super::keys::Unit;
+use super::room::judge_obstacles;
 use super::suggest::nearest;
 use super::{Case, ForceTerm, Job, SpeedMode, Target, ToolSpec};
 
@@ -32,6 +33,7 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     judge_target(case, note);
     judge_structures(case, note);
     judge_holds(case, note);
+    judge_obstacles(case, note);
     judge_arm(case, note);
     judge_joints(case, note);
     judge_choices(case, note);

@@ -88,6 +88,9 @@ impl Case {
                 ],
             );
         }
+        for obstacle in &self.obstacles {
+            out.array_table("obstacle", &obstacle.lines());
+        }
         for hold in &self.holds {
             let lines = [("structure", text(&hold.structure)), ("distance_mm", float(hold.distance_mm))];
             out.array_table("hold", &lines);
@@ -203,6 +206,7 @@ impl Case {
             ("jerk_limits", &robot.jerk_limits),
         ];
         lines.extend(joints.into_iter().filter_map(|(key, v)| Some((key, list(v.as_ref()?)))));
+        lines.extend(robot.room.lines());
         lines.push(("rate_hz", float(robot.rate_hz)));
         if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
             lines.push(("base_from_ct", rigid(rotation.matrix(), translation_mm)));

@@ -46,6 +46,8 @@ pub fn shortfalls(plan: &ChannelPlan, spec: &ChannelSpec) -> Vec<String> {
             ));
         }
     }
+    let time_s = |waypoint: usize| plan.motion.waypoint_times_s.get(waypoint).copied().unwrap_or_default();
+    reasons.extend(plan.arm.link_distance.as_ref().and_then(|near| near.shortfall(time_s)));
     let ratios = plan.motion.limit_ratios;
     let worst = ratios.velocity.max(ratios.acceleration).max(ratios.jerk);
     if worst.is_nan() || worst > 1.0 + LIMIT_ROUNDING {

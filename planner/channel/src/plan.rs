@@ -12,7 +12,7 @@ use bonemill_robot::resolve::Posture;
 use bonemill_setup::armpath::{ArmFacts, Compliance, Placed};
 use bonemill_setup::inputs::{self, CaseImages};
 use bonemill_setup::{
-    ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, reach, registration, tools,
+    ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, reach, registration, room, tools,
 };
 use bonemill_toolpath::scene::ApproachSpec;
 use nalgebra::Unit;
@@ -165,7 +165,8 @@ impl ChannelJob<'_> {
         .places();
         let base_from_work = setup.base_from_work();
         let posture = self.case.robot.branch.map_or(Posture::Any, Posture::Of);
-        let placed = Placed { arm: &setup.arm, base_from_work: &base_from_work, posture };
+        let room = setup.room.as_ref();
+        let placed = Placed { arm: &setup.arm, base_from_work: &base_from_work, posture, room };
         let motion = watch.run("joints", || motion(&setup, &placed, axis, &places));
         let motion = motion.map_err(|error| setup.registered.blame(self.case, error))?;
         Ok(Taken { channel: channel.clone(), record, places, motion, setup })
@@ -189,12 +190,24 @@ impl ChannelJob<'_> {
         let registered = registration::registration(&self.case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, self.tool.radius_mm)
             .map_err(|error| registered.blame(self.case, error))?;
+        let room = watch
+            .run("room", || room::room(self.case, &arm, &self.images.ct.volume, &registered.base_from_ct))?;
         let mut warnings = self.images.warnings.clone();
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(self.case, &arm));
         warnings.extend(registered.warnings(self.case));
+        warnings.extend(room::warning(self.case, room.as_ref()));
         let placements = [self.images.ct.provenance.placement, self.images.labels.provenance.placement];
-        Ok(Setup { case: self.case.clone(), inputs: vec![], placements, scene, arm, registered, warnings })
+        Ok(Setup {
+            case: self.case.clone(),
+            inputs: vec![],
+            placements,
+            scene,
+            arm,
+            registered,
+            room,
+            warnings,
+        })
     }
 
     /// Forces, rows, figures and judgement of a channel that is taken.
@@ -210,13 +223,19 @@ impl ChannelJob<'_> {
         let axis = &channel.axis;
         let felt = forces::along(&places, axis, self.tool, &self.bone())?;
         let base_from_work = setup.base_from_work();
-        let placed = Placed { arm: &setup.arm, base_from_work: &base_from_work, posture: Posture::Any };
+        let placed =
+            Placed { arm: &setup.arm, base_from_work: &base_from_work, posture: Posture::Any, room: None };
         let compliances = match self.case.robot.joint_stiffness {
             Some(_) => Compliance::new(self.case, placed)?.along(&motion.motion.resolved.q)?,
             None => None,
         };
-        let arm =
-            ArmFacts::along(&setup.arm, &motion.motion, compliances.as_deref(), places.iter().map(|_| None))?;
+        let arm = ArmFacts::along(
+            &setup.arm,
+            setup.room.as_ref(),
+            &motion.motion,
+            compliances.as_deref(),
+            places.iter().map(|_| None),
+        )?;
         let turn = setup.scene.ct_from_work.rotation.into_inner();
         let in_ct: Option<Vec<_>> =
             compliances.map(|all| all.iter().map(|c| turn * c * turn.transpose()).collect());

@@ -157,5 +157,8 @@ fn modelled(plan: &ChannelPlan) -> Vec<(String, Value)> {
         entries.push(("branch_name".into(), Value::Text(branch_name(plan.arm.branch))));
     }
     entries.extend(plan.arm.lowest_link.map(|lowest| ("lowest_link_mm".into(), lowest.height_mm.into())));
+    let time_s = |waypoint: usize| plan.motion.waypoint_times_s.get(waypoint).copied().unwrap_or_default();
+    let near = plan.arm.link_distance.as_ref();
+    entries.extend(near.map(|near| near.entry(&plan.setup.case, time_s(near.waypoint))));
     entries
 }

@@ -60,7 +60,8 @@ impl ArmAxes {
         let by_tilt: Vec<usize> = set.within(set.nearest(&Vector3::z()), std::f64::consts::PI).collect();
         let every = by_tilt.len().div_ceil(SEEDS).max(1);
         let seeds: Vec<usize> = by_tilt.iter().step_by(every).map(|n| lattice.middle() * count + n).collect();
-        let reached = reached(placed.arm, &poses, (placed.frame(), placed.posture), &seeds, neighbours);
+        let reached =
+            reached(placed.arm, &poses, (placed.frame(), placed.posture, placed.room), &seeds, neighbours);
         let taken = reached.count();
         let takes_all = taken == poses.len() || taken == 0;
         Self { lattice, set, reached, takes_all, refused: Vec::new() }

@@ -35,6 +35,9 @@ impl Attempt<'_> {
         found.extend(turns_missed(&oriented.blocked_turns));
         found.extend(limits_missed(&modelled.speeds.limit_ratios));
         found.extend(errors_missed(case, modelled));
+        let times_s = &self.timing.driven.times_s;
+        let time_s = |waypoint: usize| times_s.get(waypoint).copied().unwrap_or_default();
+        found.extend(modelled.arm.link_distance.as_ref().and_then(|near| near.shortfall(time_s)));
         Ok(found)
     }
 

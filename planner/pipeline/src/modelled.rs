@@ -89,13 +89,14 @@ impl Modelled {
     /// Where the motion is not the arm's.
     pub(super) fn of(attempt: &Attempt, least: &[Option<(f64, usize)>]) -> Result<Self, PlanError> {
         let prepared = &attempt.prepared;
+        let start = &prepared.start;
         let toward = prepared.near.iter().map(|near| near.first().map(|n| &n.proximity.toward));
         let compliances = attempt.chosen.compliances.as_deref();
         Ok(Self {
             path: attempt.path_facts(least),
             drafts: attempt.drafts.clone(),
             axes: attempt.axis_facts(),
-            arm: ArmFacts::along(attempt.prepared.start.arm, &attempt.motion, compliances, toward)?,
+            arm: ArmFacts::along(start.arm, start.room, &attempt.motion, compliances, toward)?,
             speeds: attempt.speed_facts()?,
         })
     }

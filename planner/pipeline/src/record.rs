@@ -214,5 +214,8 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("labels_affine".into(), affine(1)),
     ];
     entries.extend(branch.into_iter().chain(lowest));
+    let time_s = |waypoint: usize| plan.moves.waypoints.get(waypoint).map_or(0.0, |row| row.time_s);
+    let near = arm.link_distance.as_ref();
+    entries.extend(near.map(|near| near.entry(&plan.setup.case, time_s(near.waypoint))));
     entries
 }

@@ -5,6 +5,7 @@
 
 mod channel;
 mod csv;
+mod modelled;
 pub mod prosthesis;
 mod toml;
 
@@ -114,7 +115,7 @@ pub const DESCRIBED: &[Described] = &[
     Described {
         title: "plan.toml [modelled]",
         about: "What was modelled, and the error of each approximation.",
-        columns: toml::MODELLED,
+        columns: modelled::MODELLED,
     },
     Described {
         title: "plan.toml [metrics] of a channel",

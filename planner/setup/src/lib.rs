@@ -10,6 +10,7 @@ pub mod mount;
 pub mod nearest_structures;
 pub mod reach;
 pub mod registration;
+pub mod room;
 mod setup;
 mod stopwatch;
 pub mod survey;

@@ -83,7 +83,7 @@ impl<'a> StandingArm<'a> {
         let axis = Unit::new_normalize(self.base_from_ct.rotate(shaft));
         let pose = |place: &Point<Ct>| AxisPose { position: self.base_from_ct * *place, axis };
         let poses: Vec<_> = places.iter().map(pose).collect();
-        let whole = (RollFrame::about(&axis), self.posture);
+        let whole = (RollFrame::about(&axis), self.posture, None);
         reached(self.arm, &poses, whole, &[], |_| Vec::new()).count() == poses.len()
     }
 }

@@ -9,11 +9,12 @@ use bonemill_case::{Case, Registration};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Placement;
 use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
+use bonemill_robot::room::Room;
 use bonemill_toolpath::scene::Scene;
 
 use super::reach::{self, StandingArm};
 use super::registration::{Registered, fiducials_in_scan, registration};
-use super::{PlanError, Stopwatch, inputs, tools};
+use super::{PlanError, Stopwatch, inputs, room, tools};
 
 /// A case with its scene, arm and registration.
 #[derive(Debug)]
@@ -30,6 +31,8 @@ pub struct Setup {
     pub arm: Arm,
     /// Where the patient is.
     pub registered: Registered,
+    /// What the arm's links must keep clear of; `None` where that is not asked for or their shapes are not known.
+    pub room: Option<Room>,
     /// What the user should know of all that.
     pub warnings: Vec<String>,
 }
@@ -49,12 +52,15 @@ impl Setup {
         let registered = registration(&case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, case.burr.radius_mm)
             .map_err(|error| registered.blame(case, error))?;
+        let room =
+            watch.run("room", || room::room(case, &arm, &images.ct.volume, &registered.base_from_ct))?;
         let mut warnings = images.warnings;
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(case, &arm));
         warnings.extend(registered.warnings(case));
+        warnings.extend(room::warning(case, room.as_ref()));
         let placements = [images.ct.provenance.placement, images.labels.provenance.placement];
-        Ok(Self { case: case.clone(), inputs: files, placements, scene, arm, registered, warnings })
+        Ok(Self { case: case.clone(), inputs: files, placements, scene, arm, registered, room, warnings })
     }
 
     /// Where the planning grid is, seen from the arm.

@@ -13,7 +13,7 @@
 //!
 //! Not checked: whether the CT shows the patient; whether the registration is correct (only its fiducials' positions, their
 //! fit and the expected error; the uncertainty module computes the effect of errors); whether the material's coefficients are
-//! those of the bone; collisions of the arm's links (only their height above the mounting plane).
+//! those of the bone; the arm's links beyond what their capsules and the scan tell.
 //!
 //! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
@@ -34,6 +34,7 @@ mod figures;
 mod follow;
 mod forces;
 mod gouge;
+mod head;
 mod images;
 mod lattice;
 mod links;
@@ -46,6 +47,7 @@ mod registration;
 mod requirements;
 mod rest;
 mod result;
+mod room;
 mod shaft;
 mod target;
 pub mod uncertainty;
@@ -134,6 +136,8 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
     checks.extend(links::links(plan, &executed)?);
+    progress.stage("check links");
+    checks.extend(room::room(plan, &anatomy, &executed));
     let (anatomy, boxes, moves, executed) = (&anatomy, &boxes[..], &moves, &executed);
     let target = &TargetRule::new(anatomy, boxes);
     let evidence = Evidence { plan, anatomy, target, boxes, moves, executed };

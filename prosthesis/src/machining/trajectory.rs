@@ -77,6 +77,7 @@ fn motion(
         frame,
         stiffness: None,
         posture: Posture::Any,
+        room: None,
     };
     let in_moves =
         |out: OutOfReach| OutOfReach { pose: way.move_of.get(out.pose).copied().unwrap_or(0), ..out };

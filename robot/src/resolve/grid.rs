@@ -10,36 +10,41 @@ use std::f64::consts::TAU;
 
 use bonemill_arm::arm::inverse::{RollFrame, about_z};
 use bonemill_arm::arm::{Arm, AxisPose, InverseKind, Joint};
-use bonemill_arm::ur::ik::wrapped;
 use bonemill_arm::ur::{Branches, UrGeometry};
 use bonemill_geometry::{Base, Flange, Rigid};
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
-use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
+use crate::room::{Nearest, Room};
+
+use super::rolls::{ChosenRolls, between, even_out, traced};
+use super::{
+    EXACT, Follower, Meeting, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding,
+};
 
 /// Number of sampled rolls.
-const ROLLS: usize = 36;
+pub(super) const ROLLS: usize = 36;
 /// Angle between neighbouring rolls, rad.
-const STEP_RAD: f64 = TAU / ROLLS as f64;
+pub(super) const STEP_RAD: f64 = TAU / ROLLS as f64;
 /// Branches of a UR.
-const BRANCHES: usize = 8;
+pub(super) const BRANCHES: usize = 8;
 /// Layers computed at a time.
 const PORTION: usize = 128;
 /// w: weight of the joints' motion against the posture's cost, mm.
 const MOTION_MM: f64 = 20.0;
 /// Shorter moves count as this long, mm, so that rotations in place have a length.
-const SHORTEST_MM: f64 = 0.05;
+pub(super) const SHORTEST_MM: f64 = 0.05;
 /// Height above the mounting plane that the lines between joints keep where there is a choice, mm. Assumed: about the
 /// radius of a UR's links.
 const KEPT_ABOVE_MM: f64 = 50.0;
 /// Cost per mm of path of a posture with a link below that height, plus 1 for each mm that it is below. It exceeds all
 /// other costs, so such a posture is taken only where there is no other.
 const BELOW: f64 = 1e4;
+/// Cost per mm of path of a posture in which something touches a link; it falls to 0 with the distance. It is of the order of a
+/// joint at its limit. Assumed.
+const CROWDING: f64 = 1.0;
 /// Where one turn of rolls may begin, tried in this order.
 const TURN_ENDS: [usize; 4] = [ROLLS / 2, 0, ROLLS / 4, 3 * ROLLS / 4];
-/// Number of sweeps that smooth the rolls.
-const SWEEPS: usize = 64;
 /// Largest path length between sampled poses, mm.
 const EVERY_MM: f64 = 1.0;
 /// Largest turn of the axis between sampled poses, rad.
@@ -142,13 +147,15 @@ fn follow(
     }
     let mut resolved = Resolved { q: all, roll_rad: roll_rad.to_vec(), branch: follower.branch };
     into_range(arm, &mut resolved)?;
+    if let Some(room) = path.room {
+        for (pose, q) in resolved.q.chunks_exact(arm.dof()).enumerate() {
+            let near = room.nearest(q, [room.kept_mm(); 2]).filter(|nearest| nearest.other.is_some());
+            if let Some(nearest) = near {
+                return Err(OutOfReach { pose, reason: ReachReason::Meets(Meeting::of(room, &nearest)) });
+            }
+        }
+    }
     Ok(resolved)
-}
-
-/// Rolls as the dynamic program chose them.
-struct ChosenRolls {
-    branch: u8,
-    roll_rad: Vec<f64>,
 }
 
 /// One in this many rolls is tested before there is a path.
@@ -157,14 +164,14 @@ const ASKED_EVERY: usize = 3;
 /// The branches on which an arm can take a pose at some roll, one bit per branch.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Branch {
-    /// Branches that are within the joints' ranges.
+    /// Branches that are within the joints' ranges and keep the links clear of the room.
     pub any: u8,
     /// Branches that also have every link [`KEPT_ABOVE_MM`] above the mounting plane.
     pub above: u8,
 }
 
 /// The branches on which an arm can take a pose.
-pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch {
+pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame, room: Option<&Room>) -> Branch {
     let mut taken = Branch::default();
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { return taken };
     let upright = pose.upright(frame);
@@ -174,7 +181,7 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch 
         for (branch, q) in geometry.inverse(&flange, 0.0).iter() {
             let mut q = *q;
             arm.bring_into_range(&mut q);
-            if arm.excess_at(&q).is_none() {
+            if taken.above >> branch & 1 == 0 && arm.excess_at(&q).is_none() && is_clear(room, &q) {
                 taken.any |= 1 << branch;
                 taken.above |= u8::from(geometry.lowest_link_mm(&q, &flange) >= KEPT_ABOVE_MM) << branch;
             }
@@ -184,6 +191,12 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch 
         }
     }
     taken
+}
+
+/// Whether every link keeps the clearance of a room.
+fn is_clear(room: Option<&Room>, q: &[f64; 6]) -> bool {
+    let nearest = room.and_then(|room| room.nearest(q, [room.kept_mm(); 2]));
+    nearest.is_none_or(|nearest| nearest.other.is_none())
 }
 
 /// Computes the nodes of a path.
@@ -294,8 +307,13 @@ impl<'a> Nodes<'a> {
             for (branch, q) in found.iter().filter(|(branch, _)| self.branches.contains(*branch as u8)) {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
+                let posture = self.posture(&q, found.from_singular_mm[branch]);
+                if posture.is_infinite() {
+                    continue;
+                }
                 let below_mm = KEPT_ABOVE_MM - self.geometry.lowest_link_mm(&q, &flange);
-                let cost = self.posture(&q, found.from_singular_mm[branch])
+                let cost = posture
+                    + self.crowding(&q)
                     + if below_mm > 0.0 { BELOW + below_mm } else { 0.0 }
                     + yielding(self.arm, self.path, i, &q);
                 if cost.is_finite() {
@@ -336,6 +354,18 @@ impl<'a> Nodes<'a> {
         cost + 0.02 / (sigma * sigma + 1e-4)
     }
 
+    /// The cost per mm of path of links near something: w (1 − d/p)², d the least distance and p that up to which more is
+    /// preferred; infinite below the clearance.
+    fn crowding(&self, q: &[f64; 6]) -> f64 {
+        let Some(room) = self.path.room else { return 0.0 };
+        let preferred_mm = room.preferred_mm();
+        let Some(nearest) = room.nearest(q, [room.kept_mm(), preferred_mm]) else { return 0.0 };
+        if nearest.distance_mm < room.kept_mm() {
+            return f64::INFINITY;
+        }
+        CROWDING * (1.0 - nearest.distance_mm / preferred_mm).powi(2)
+    }
+
     /// Why no node of a layer can be reached.
     fn why(&self, i: usize, layer: &ProgramLayer) -> ReachReason {
         if layer.cost.iter().any(|cost| cost.is_finite()) {
@@ -344,6 +374,8 @@ impl<'a> Nodes<'a> {
         let mut least_mm = f64::INFINITY;
         let mut excess = None;
         let mut is_on_another = false;
+        // the posture that keeps its nearest link away most
+        let mut clearest: Option<Nearest> = None;
         for flange in self.flanges(i) {
             let found = self.geometry.inverse(&flange, 0.0);
             least_mm = least_mm.min(found.short_mm);
@@ -355,11 +387,25 @@ impl<'a> Nodes<'a> {
                     is_on_another |= here.is_none();
                     continue;
                 }
+                if here.is_none()
+                    && let Some(nearest) = self
+                        .path
+                        .room
+                        .and_then(|room| room.nearest(&q, [f64::NEG_INFINITY, room.preferred_mm()]))
+                    && clearest.is_none_or(|other| other.distance_mm < nearest.distance_mm)
+                {
+                    clearest = Some(nearest);
+                }
                 let is_less = |e: &bonemill_arm::JointExcess| {
                     excess.is_none_or(|other: bonemill_arm::JointExcess| e.excess < other.excess)
                 };
                 excess = here.filter(is_less).or(excess);
             }
+        }
+        if let (Some(room), Some(nearest)) = (self.path.room, clearest)
+            && nearest.distance_mm < room.kept_mm()
+        {
+            return ReachReason::Meets(Meeting::of(room, &nearest));
         }
         match excess {
             Some(excess) => ReachReason::Limit(excess),
@@ -434,63 +480,4 @@ fn motion(
         }
     }
     motion
-}
-
-/// Traces the chosen rolls back from the best end.
-fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
-    let (branch, mut roll) = (best / ROLLS, best % ROLLS);
-    let mut turns = vec![0i64; count];
-    let mut place = roll as i64;
-    for i in (0..count).rev() {
-        turns[i] = place;
-        match from[i * BRANCHES * ROLLS + branch * ROLLS + roll] {
-            0 if i > 0 => (roll, place) = ((roll + ROLLS - 1) % ROLLS, place - 1),
-            2 if i > 0 => (roll, place) = ((roll + 1) % ROLLS, place + 1),
-            _ => {}
-        }
-    }
-    let roll_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
-    ChosenRolls { branch: branch as u8, roll_rad }
-}
-
-/// Rolls of every pose, interpolated linearly along the path between the poses `at`.
-fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
-    let mut all = roll_rad[..roll_rad.len().min(1)].to_vec();
-    for (rolls, ends) in roll_rad.windows(2).zip(at.windows(2)) {
-        let lengths = length_mm[ends[0] + 1..=ends[1]].iter().map(|mm| mm.max(SHORTEST_MM));
-        let whole_mm: f64 = lengths.clone().sum();
-        let mut along_mm = 0.0;
-        for (i, length_mm) in (ends[0] + 1..).zip(lengths) {
-            along_mm += length_mm;
-            // at a sampled pose the chosen roll is kept exactly
-            let share = if i == ends[1] { 1.0 } else { along_mm / whole_mm };
-            all.push(rolls[0] + (rolls[1] - rolls[0]) * share);
-        }
-    }
-    all
-}
-
-/// Smooths the sampled rolls, weighted by the moves' lengths. No roll moves more than one step from its sample.
-fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
-    let sampled = roll_rad.to_vec();
-    for sweep in 0..SWEEPS {
-        // sweeps alternate in direction, so that a change spreads both ways
-        let inner = 1..roll_rad.len().saturating_sub(1);
-        let visit = |i: usize, rolls: &mut [f64]| {
-            let [before, after] = [i, i + 1].map(|k| length_mm[k].max(SHORTEST_MM));
-            let even = (rolls[i - 1] * after + rolls[i + 1] * before) / (before + after);
-            rolls[i] = even.clamp(sampled[i] - STEP_RAD, sampled[i] + STEP_RAD);
-        };
-        if sweep % 2 == 0 {
-            inner.for_each(|i| visit(i, roll_rad));
-        } else {
-            inner.rev().for_each(|i| visit(i, roll_rad));
-        }
-    }
-    // a roll that has not moved keeps its exact value
-    for (roll, sampled) in roll_rad.iter_mut().zip(&sampled) {
-        if wrapped(*roll - sampled).abs() < 1e-12 {
-            *roll = *sampled;
-        }
-    }
 }

@@ -21,10 +21,12 @@
 pub mod dense;
 mod grid;
 pub mod postures;
+mod rolls;
 mod track;
 
 use nalgebra::{Unit, Vector3};
 
+use crate::room::{Nearest, Room, link_name};
 use bonemill_arm::RobotError;
 pub use bonemill_arm::arm::inverse::RollFrame;
 use bonemill_arm::arm::{Arm, AxisPose, InverseKind, JointExcess, ToolGoal, bone_attached, dls};
@@ -57,6 +59,8 @@ pub struct PosePath<'a> {
     pub stiffness: Option<Stiffness<'a>>,
     /// The posture that the path must keep.
     pub posture: Posture<'a>,
+    /// What the arm's links must keep clear of, where that is known.
+    pub room: Option<&'a Room>,
 }
 
 /// The posture that an arm must keep along a path.
@@ -91,7 +95,7 @@ pub struct OutOfReach {
 }
 
 /// Why a pose cannot be taken.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ReachReason {
     /// The point is too far away, or too near.
     Beyond {
@@ -107,8 +111,47 @@ pub enum ReachReason {
     Limit(JointExcess),
     /// The pose can be taken, but not on the requested branch.
     Branch,
+    /// Every posture brings a link nearer to something than the clearance.
+    Meets(Meeting),
     /// Each pose can be taken, but the joints would have to jump between this one and the one before.
     Jump,
+}
+
+/// A link that comes too near to something, in the posture that keeps it away most.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Meeting {
+    /// The link.
+    pub link: &'static str,
+    /// What it is too near to.
+    pub other: String,
+    /// A distance that it surely keeps, mm; below 0 where they may overlap.
+    pub distance_mm: f64,
+    /// The distance that it should keep, mm.
+    pub clearance_mm: f64,
+}
+
+impl Meeting {
+    /// What is nearest in a room.
+    pub fn of(room: &Room, nearest: &Nearest) -> Self {
+        Self {
+            link: link_name(nearest.link),
+            other: room.name(nearest.other),
+            distance_mm: nearest.distance_mm,
+            clearance_mm: room.clearance_mm(),
+        }
+    }
+}
+
+impl std::fmt::Display for Meeting {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { link, other, distance_mm, clearance_mm } = self;
+        if *distance_mm < 0.0 {
+            write!(f, "the arm's {link} runs into {other} by up to {:.1} mm", -distance_mm)?;
+        } else {
+            write!(f, "the arm's {link} comes within {distance_mm:.1} mm of {other}")?;
+        }
+        write!(f, " (robot.link_clearance_mm = {clearance_mm})")
+    }
 }
 
 impl std::fmt::Display for ReachReason {
@@ -117,6 +160,7 @@ impl std::fmt::Display for ReachReason {
             Self::Beyond { short_mm } => write!(f, "out of reach by {short_mm:.2} mm"),
             Self::Axis { short_rad } => write!(f, "the shaft's axis is {:.2}° beyond what the arm can tilt", short_rad.to_degrees()),
             Self::Limit(excess) => excess.fmt(f),
+            Self::Meets(meeting) => meeting.fmt(f),
             Self::Branch => f.write_str("another branch of the arm reaches it, but not what robot.branch asks for"),
             Self::Jump => f.write_str("the joints would have to jump: the path leads through a singularity or from branch to branch"),
         }

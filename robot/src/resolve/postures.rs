@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::track::{FOLLOWED, drifted, starts};
 use super::{EXACT, Follower, Posture, RollFrame, grid};
+use crate::room::Room;
 
 /// Number of neighbours from which a pose is tried.
 const TRIES: u8 = 3;
@@ -48,7 +49,7 @@ impl Reached {
 pub fn reached(
     arm: &Arm,
     poses: &[AxisPose],
-    (frame, posture): (RollFrame, Posture<'_>),
+    (frame, posture, room): (RollFrame, Posture<'_>, Option<&Room>),
     seeds: &[usize],
     neighbours: impl Fn(usize) -> Vec<usize> + Sync,
 ) -> Reached {
@@ -65,7 +66,7 @@ pub fn reached(
         InverseKind::Ur { .. } => {
             let allowed = if let Posture::Of(branches) = posture { branches } else { Branches::ALL };
             let found: Vec<grid::Branch> =
-                poses.par_iter().map(|pose| grid::branches(arm, pose, &frame)).collect();
+                poses.par_iter().map(|pose| grid::branches(arm, pose, &frame, room)).collect();
             let count =
                 |set: fn(&grid::Branch) -> u8, b: u8| found.iter().filter(|f| set(f) >> b & 1 == 1).count();
             let best = (0..8u8).filter(|b| allowed.contains(*b)).max_by_key(|b| {
@@ -184,8 +185,8 @@ mod tests {
             let [ur, other] = arms(wrist_rad);
             let (poses, neighbours) = fan(at);
             let frame = RollFrame::about(&Vector3::z_axis());
-            let closed = reached(&ur, &poses, (frame, Posture::Any), &[0], &neighbours);
-            let found = reached(&other, &poses, (frame, Posture::Any), &[0], &neighbours);
+            let closed = reached(&ur, &poses, (frame, Posture::Any, None), &[0], &neighbours);
+            let found = reached(&other, &poses, (frame, Posture::Any, None), &[0], &neighbours);
             // the forward kinematics of each joint vector give its pose
             for (n, pose) in poses.iter().enumerate() {
                 assert_eq!(found.takes[n], found.q(n).is_some());
@@ -207,7 +208,7 @@ mod tests {
         let (poses, neighbours) = fan(Point::new(2000.0, 0.0, 0.0));
         for arm in arms(3.0) {
             let frame = RollFrame::about(&Vector3::z_axis());
-            assert_eq!(reached(&arm, &poses, (frame, Posture::Any), &[0, 5], &neighbours).count(), 0);
+            assert_eq!(reached(&arm, &poses, (frame, Posture::Any, None), &[0, 5], &neighbours).count(), 0);
         }
     }
 }

@@ -51,6 +51,7 @@ fn path<'a>(poses: &'a [AxisPose], length_mm: &'a [f64]) -> PosePath<'a> {
         frame: RollFrame::about(&Vector3::z_axis()),
         stiffness: None,
         posture: Posture::Any,
+        room: None,
     }
 }
 
@@ -246,8 +247,14 @@ fn a_wrist_singularity_is_avoided_where_the_roll_can_and_told_where_it_cannot() 
             .collect();
         let length_mm = lengths(&poses);
         let frame = RollFrame::about(&Unit::new_normalize(Vector3::new(0.1, -1.0, 0.2)));
-        let path =
-            PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
+        let path = PosePath {
+            poses: &poses,
+            length_mm: &length_mm,
+            frame,
+            stiffness: None,
+            posture: Posture::Any,
+            room: None,
+        };
         let resolved = resolve(&arm, &path).unwrap();
         resolved.map(|resolved| {
             let least = resolved.q.chunks_exact(6).map(|q| q[4].sin().abs()).fold(f64::INFINITY, f64::min);

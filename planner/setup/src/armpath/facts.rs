@@ -3,13 +3,14 @@
 use crate::PlanError;
 use bonemill_arm::Arm;
 use bonemill_robot::resolve::DensePath;
+use bonemill_robot::room::Room;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
-use super::ArmMotion;
+use super::{ArmMotion, LinkDistance};
 
 /// The arm along a plan.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ArmFacts {
     /// The branch of the arm's inverse that the whole path is on.
     pub branch: u8,
@@ -19,6 +20,8 @@ pub struct ArmFacts {
     pub stiffness: Option<Stiffnesses>,
     /// The lowest place of the arm's links over its mounting plane, where that is known.
     pub lowest_link: Option<LowestLink>,
+    /// Where its links come nearest to what is around them, where that was checked.
+    pub link_distance: Option<LinkDistance>,
 }
 
 impl ArmFacts {
@@ -28,6 +31,7 @@ impl ArmFacts {
     /// Where the motion is not the arm's.
     pub fn along<'a>(
         arm: &Arm,
+        room: Option<&Room>,
         motion: &ArmMotion,
         compliances: Option<&[Matrix3<f64>]>,
         toward: impl Iterator<Item = Option<&'a Unit<Vector3<f64>>>>,
@@ -37,6 +41,7 @@ impl ArmFacts {
             slowest_mm_s: slowest_mm_s(arm, &motion.resolved.q)?,
             stiffness: compliances.and_then(|compliances| Stiffnesses::along(compliances, toward)),
             lowest_link: LowestLink::along(arm, &motion.dense)?,
+            link_distance: LinkDistance::along(room, &motion.dense),
         })
     }
 }

@@ -7,9 +7,11 @@
 mod compliance;
 mod facts;
 mod law;
+mod link_distance;
 mod placed;
 
 pub use compliance::Compliance;
 pub use facts::{ArmFacts, LowestLink, Stiffnesses};
 pub use law::{path_limits, write_trajectory};
+pub use link_distance::{LinkDistance, WHAT_TO_CHANGE};
 pub use placed::{ArmMotion, Placed};

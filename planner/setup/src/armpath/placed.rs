@@ -10,6 +10,7 @@ use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_robot::resolve::{
     DensePath, OutOfReach, PosePath, Posture, Resolved, RollFrame, Stiffness, resolve,
 };
+use bonemill_robot::room::Room;
 use nalgebra::{Unit, Vector3};
 
 /// The arm where it stands.
@@ -21,6 +22,8 @@ pub struct Placed<'a> {
     pub base_from_work: &'a Rigid<Base, Work>,
     /// Which posture it must be in.
     pub posture: Posture<'a>,
+    /// What its links must keep clear of.
+    pub room: Option<&'a Room>,
 }
 
 /// Joint positions along the path.
@@ -67,8 +70,14 @@ impl<'a> Placed<'a> {
         let stiffness = stiffness
             .zip(in_base.as_deref())
             .map(|(Stiffness { joint, .. }, toward)| Stiffness { joint, toward });
-        let path =
-            PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness, posture: self.posture };
+        let path = PosePath {
+            poses: &poses,
+            length_mm,
+            frame: self.frame(),
+            stiffness,
+            posture: self.posture,
+            room: self.room,
+        };
         let out_of_reach = |failed: OutOfReach| PlanError::OutOfReach {
             waypoint: failed.pose,
             axis: axes[failed.pose],

@@ -353,6 +353,10 @@ fn modelled(plan: &Plan) -> String {
         rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.arm.branch)));
         rows.push(("lowest point of the arm's links (lines from joint to joint)".into(), height));
     }
+    if let Some(near) = &m.arm.link_distance {
+        let said = format!("{} (robot.link_clearance_mm = {})", near.text(), near.clearance_mm);
+        rows.push(("least distance of the arm's links, between the waypoints too".into(), escape(&said)));
+    }
     rows.push((
         "waypoints moved to the end of the path, because the shank was not free".into(),
         m.path.put_off.to_string(),

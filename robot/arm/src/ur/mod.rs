@@ -15,6 +15,7 @@
 pub mod branch;
 pub mod calibration;
 pub mod ik;
+pub mod links;
 mod urdf;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
