@@ -65,7 +65,7 @@ pub const MODELLED: &[Column] = &[
         "put_off_waypoints",
         "1",
         "",
-        "Waypoints that were moved to the end of the path, because the shank had no free direction at their original place in the order.",
+        "Waypoints that were moved to the end of the path, because the shank had no free direction at their original place in the order, or because the burr pushed toward a structure there even at the least speed.",
     ),
     Column::new(
         "dropped_waypoints.NAME",

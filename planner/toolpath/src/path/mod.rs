@@ -52,7 +52,7 @@ pub struct Pass {
     pub layer: u32,
     /// Positions of the burr's centre, at least one.
     pub points: Vec<Point<Work>>,
-    /// Whether the pass was put off, because the shank had no free direction at its original place in the order.
+    /// Whether the pass was put off: at its original place in the order the shank had no free direction, or the burr pushed toward a structure.
     pub put_off: bool,
     /// Whether the burr must enter from above the bone, where the shaft turns freely, because it cannot turn on the way from the
     /// pass before.
