@@ -57,6 +57,8 @@ pub(super) struct Attempt<'a> {
     pub timing: Timing,
     pub coverage: Coverage,
     pub compared: Compared,
+    /// How far figures near structures are above their bounds: [`Bounds::excess`].
+    pub excess: f64,
     /// What its lines were chosen from.
     pub drafts: Vec<LinesDraft>,
     /// How its axes were chosen.
@@ -112,8 +114,19 @@ impl<'a> Start<'a> {
             let straight = self.straight(&references, lines.straight, self.most_overall(&controls))?;
             Ok::<_, PlanError>((controls, straight))
         })?;
-        let prepared = Prepared::new(self, &freedom, lines.plan, None, watch)?;
-        let mut attempt = self.attempt((prepared, &freedom), &references, (&controls, straight), watch)?;
+        let mut along = |puts_off: bool| {
+            let prepared = Prepared::new(self, &freedom, lines.plan, None, watch)?;
+            let freedom = puts_off.then_some(&freedom);
+            self.attempt((prepared, freedom), &references, (&controls, straight.clone()), watch)
+        };
+        let mut attempt = along(true)?;
+        // many cuts along a whole wall push less where they stand
+        if attempt.excess > GAINS && attempt.prepared.reached.put_off() > 0 {
+            let plain = along(false)?;
+            if plain.excess < attempt.excess && plain.keeps_what(&attempt) {
+                attempt = plain;
+            }
+        }
         let takes_s = attempt.timing.driven.law.duration_s();
         attempt.drafts = lines.drafts;
         attempt.compared.controls = if controls.iter().all(|control| control.takes(takes_s)) {
@@ -244,10 +257,10 @@ impl<'a> Start<'a> {
         Ok((reference_s, Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal })))
     }
 
-    /// Axes, motion and speeds for a path.
+    /// Axes, motion and speeds for a path; with `freedom` cuts near structures may be put off.
     fn attempt(
         &self,
-        (mut prepared, freedom): (Prepared<'a>, &ShaftFreedom),
+        (mut prepared, freedom): (Prepared<'a>, Option<&ShaftFreedom>),
         references: &References,
         (controls, straight): (&[Reference], Option<Straight>),
         watch: &mut Stopwatch,
@@ -280,10 +293,11 @@ impl<'a> Start<'a> {
         drop(joints);
         // refused here, before anything is written
         timing.driven.law.rows(case.robot.rate_hz)?;
+        let excess = bounds.map_or(0.0, |bounds| bounds.excess(&plan));
         let straight = straight.map(|straight| straight.reference);
         let compared = Compared { controls: Vec::new(), straight, plan };
         let drafts = Vec::new();
-        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, drafts, mode })
+        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, excess, drafts, mode })
     }
 
     /// Puts cuts that push toward a structure off to the end, when the bone around them is gone, as long as that lowers what they push; gives
@@ -300,8 +314,8 @@ impl<'a> Start<'a> {
             if pushing.points.is_empty() {
                 break;
             }
-            let path = (&prepared.reached.path, &pushing.points);
-            let later = Prepared::new(self, freedom, prepared.raster(), Some(path), watch)
+            let later = (&prepared.reached, &pushing.points);
+            let later = Prepared::new(self, freedom, prepared.raster(), Some(later), watch)
                 .and_then(|mut later| later.axes(choices, watch).map(|found| (later, found)));
             match later {
                 Err(error) if error.is_infeasible() => break,
@@ -321,14 +335,17 @@ impl<'a> Start<'a> {
     /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of help.
     fn axes(
         &self,
-        (prepared, freedom): (&mut Prepared<'a>, &ShaftFreedom),
+        (prepared, freedom): (&mut Prepared<'a>, Option<&ShaftFreedom>),
         goal: Option<Goal>,
         bounds: Option<&Bounds>,
         watch: &mut Stopwatch,
     ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
         let mut choices = Choices { goal, ..Choices::of(self.case) };
         let puts_off = bounds.is_some() && self.case.speed.mode == SpeedMode::LeastForce;
-        let mut first = puts_off.then(|| self.put_off((prepared, freedom), &choices, watch)).transpose()?;
+        let mut first = match freedom.filter(|_| puts_off) {
+            Some(freedom) => Some(self.put_off((prepared, freedom), &choices, watch)?),
+            None => None,
+        };
         // of the rounds with the most kept axes, the one that needs the least time under the reference's levels
         let mut best: Option<(usize, f64, Chosen, ArmMotion)> = None;
         for round in 1..=MOST_ROUNDS {

@@ -10,7 +10,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
 use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};
-use bonemill_toolpath::path::{self, MillPath, PathPoint, join_passes, put_off_points};
+use bonemill_toolpath::path::{self, PathPoint, join_passes, put_off_points};
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
@@ -93,7 +93,7 @@ pub struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path along `raster` and finds what is free on it. `later`: passes of an earlier path along it, and those of their points
+    /// Lays the path along `raster` and finds what is free on it. `later`: an earlier path along it, and the points of its passes
     /// that are put off to the end.
     ///
     /// # Errors
@@ -102,7 +102,7 @@ impl<'a> Prepared<'a> {
         start: &Start<'a>,
         freedom: &ShaftFreedom,
         raster: Raster,
-        later: Option<(&MillPath, &HashSet<(u32, u32)>)>,
+        later: Option<(&ReachedPath, &HashSet<(u32, u32)>)>,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let Start { case, scene, space, .. } = *start;
@@ -112,7 +112,7 @@ impl<'a> Prepared<'a> {
         let spec = freedom.reach_spec(start);
         let lay = || match later {
             None => raster.lay(case, scene, space, spacing),
-            Some((path, points)) => {
+            Some((ReachedPath { path, .. }, points)) => {
                 let passes = put_off_points(&path.passes, points, path.layers);
                 Ok(join_passes(space, spacing, passes, path.layers))
             }
@@ -145,6 +145,9 @@ impl<'a> Prepared<'a> {
                 }
             },
         };
+        if let Some((earlier, _)) = later {
+            reached.dropped.splice(0..0, earlier.dropped.iter().cloned());
+        }
         let points = &reached.path.points;
         let near =
             watch.run("engagement", || nearest_structures::along(case, scene, &path::centers(points)))?;

@@ -53,7 +53,7 @@ impl Setup {
         reach::judge(&arm, &registered, &scene, case.burr.radius_mm)
             .map_err(|error| registered.blame(case, error))?;
         let room =
-            watch.run("room", || room::room(case, &arm, &images.ct.volume, &registered.base_from_ct))?;
+            watch.run("scene", || room::room(case, &arm, &images.ct.volume, &registered.base_from_ct))?;
         let mut warnings = images.warnings;
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(case, &arm));
