@@ -39,6 +39,7 @@ pub const CHANNEL: &[Stage] = &[("read images", 1), ("channel", 1), ("scene", 2)
 pub const VERIFY: &[Stage] = &[
     ("read images", 2),
     ("check motion", 5),
+    ("check links", 1),
     ("check rows", 3),
     ("check forces", 45),
     ("check clearances", 12),
