@@ -49,7 +49,8 @@ pub const VERIFY: &[Stage] = &[
     ("check shank", 5),
 ];
 /// [`crate::verify::verify`] of a channel.
-pub const VERIFY_CHANNEL: &[Stage] = &[("read images", 1), ("check motion", 1), ("check the channel", 3)];
+pub const VERIFY_CHANNEL: &[Stage] =
+    &[("read images", 1), ("check motion", 1), ("check links", 1), ("check the channel", 3)];
 /// [`crate::uncertainty::simulate_errors`].
 pub const DRAW_ERRORS: &[Stage] = &[("draw errors", 20)];
 /// [`crate::simulate::simulate`] of a milled target.
