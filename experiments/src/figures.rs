@@ -22,6 +22,10 @@ pub struct PlanFigures {
 }
 
 impl PlanFigures {
+    /// What [`Self::changes`] tells, in its order.
+    pub const HEADS: [&str; 7] =
+        ["removed", "distance", "mean toward", "peak toward", "mean |F|", "peak |F|", "time"];
+
     /// Those of a plan.
     pub fn of(plan: &Plan) -> Self {
         let (case, figures) = (&plan.setup.case, &plan.results.figures);

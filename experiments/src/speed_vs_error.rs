@@ -180,24 +180,9 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
                  itself (mean |F| of single cuts, push toward structures, largest force within a cut, %; removed volume, % of the target; least \
                  distance, mm). The rest: change against the plan with \
                  everything fine, the last of each body: removed, points of %; least distance, mm; forces toward priority 1 and |F|, %; total time, %.";
-    let head = [
-        "body",
-        "changed",
-        "processor [s]",
-        "wall [s]",
-        "of cuts",
-        "toward",
-        "beyond",
-        "volume",
-        "nearer",
-        "removed",
-        "distance",
-        "mean toward",
-        "peak toward",
-        "mean |F|",
-        "peak |F|",
-        "time",
-    ];
+    let own =
+        ["body", "changed", "processor [s]", "wall [s]", "of cuts", "toward", "beyond", "volume", "nearer"];
+    let head = [&own[..], &PlanFigures::HEADS].concat();
     let mut table = Table::new("speed-vs-error", title, &head);
     let (mut series, mut absent) = (Vec::new(), None);
     let mut add = |outcomes: Vec<Outcome>| {

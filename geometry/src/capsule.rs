@@ -54,12 +54,17 @@ impl<F: Frame> Capsule<F> {
     }
 }
 
+/// Squared distance of `p` from the segment a–b.
+pub fn segment_distance_squared(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let along = b - a;
+    let length_squared = along.norm_squared();
+    let t = if length_squared > 0.0 { ((p - a).dot(&along) / length_squared).clamp(0.0, 1.0) } else { 0.0 };
+    (p - a - along * t).norm_squared()
+}
+
 /// Distance of a point from a segment, mm.
 pub fn point_segment_mm(p: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
-    let (along, away) = (to - from, p - from);
-    let square = along.norm_squared();
-    let share = if square > 0.0 { (along.dot(&away) / square).clamp(0.0, 1.0) } else { 0.0 };
-    (away - along * share).norm()
+    segment_distance_squared(p, from, to).sqrt()
 }
 
 /// Distance between two segments, mm.

@@ -133,7 +133,7 @@ def assert_near(plan: Path, other: Path) -> None:
 
 
 # of the patient and the scan; UIDs of pydicom and highdicom begin with the last
-SECRETS = ["Doe^", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
+SECRETS = ["Doe^", "Jane", "PATIENT-7", "19701231", "20260102", "ACC-9", "Elsewhere", "Who^", "STUDY-3", "1.2.826.0.1"]
 
 
 def assert_no_secret(*places: Path | str) -> None:

@@ -4,7 +4,6 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use bonemill_imaging::{write_ct_i16, write_labels_u8};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan};
@@ -105,18 +104,10 @@ impl Progress for Quiet {
 }
 
 fn run_in(scene: &Scene, folder: &Path, judge: &mut dyn FnMut(&StoredPlan) -> Vec<String>) -> End {
-    let case_path = folder.join("case.toml");
-    let text = scene.case();
-    let written = || -> Told<()> {
-        let (ct, labels) = scene.images()?;
-        write_ct_i16(folder.join("ct.nii"), &ct)?;
-        write_labels_u8(folder.join("labels.nii"), &labels)?;
-        std::fs::write(&case_path, &text)?;
-        Ok(())
+    let (text, case_path) = match scene.write(folder) {
+        Ok(written) => written,
+        Err(error) => return End::Broken(format!("the body cannot be written: {error}")),
     };
-    if let Err(error) = written() {
-        return End::Broken(format!("the body cannot be written: {error}"));
-    }
     let case = match Case::parse(&text, &case_path) {
         Ok(case) => case,
         Err(error) => return End::Refused(error.to_string()),

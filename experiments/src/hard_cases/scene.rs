@@ -4,10 +4,14 @@
 //! it. A scene states only in what it differs from this.
 
 use std::fmt;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bonemill_geometry::{Ct, Grid, GridError, Volume};
+use bonemill_imaging::{write_ct_i16, write_labels_u8};
 use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use crate::ExperimentError;
 
 /// CT and label map.
 pub type Images = (Volume<i16, Ct>, Volume<u8, Ct>);
@@ -231,6 +235,19 @@ impl Scene {
         let (spacing, shift) = self.label_grid.unwrap_or((self.spacing_mm, [0.0; 3]));
         let ct = self.filled((self.spacing_mm, 1), [0.0; 3], |p| (self.hu)(p) as i16)?;
         Ok((ct, self.filled((spacing, self.label_split), shift, |p| (self.label)(p))?))
+    }
+
+    /// Writes the images and the case into a folder; gives the case's text and file.
+    ///
+    /// # Errors
+    /// An invalid grid, and files that cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(String, PathBuf), ExperimentError> {
+        let (ct, labels) = self.images()?;
+        write_ct_i16(folder.join("ct.nii"), &ct)?;
+        write_labels_u8(folder.join("labels.nii"), &labels)?;
+        let (text, case_path) = (self.case(), folder.join("case.toml"));
+        std::fs::write(&case_path, &text).map_err(ExperimentError::Folder)?;
+        Ok((text, case_path))
     }
 
     /// Values on voxels of a size, each in `split` along every axis.

@@ -5,7 +5,6 @@
 
 use std::sync::Arc;
 
-use bonemill_imaging::{write_ct_i16, write_labels_u8};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan as planned;
@@ -101,12 +100,7 @@ fn inputs() -> Vec<(&'static str, Vec<Scene>)> {
 /// The figures of a scene's plan.
 fn figures(scene: &Scene) -> Result<PlanFigures, ExperimentError> {
     let folder = tempfile::tempdir().map_err(ExperimentError::Folder)?;
-    let (ct, labels) = scene.images()?;
-    write_ct_i16(folder.path().join("ct.nii"), &ct)?;
-    write_labels_u8(folder.path().join("labels.nii"), &labels)?;
-    let case_path = folder.path().join("case.toml");
-    let text = scene.case();
-    std::fs::write(&case_path, &text).map_err(ExperimentError::Folder)?;
+    let (text, case_path) = scene.write(folder.path())?;
     let case = Case::parse(&text, &case_path)?;
     Ok(PlanFigures::of(&planned(&case, &case_path, &Quiet)?))
 }
@@ -118,17 +112,7 @@ fn figures(scene: &Scene) -> Result<PlanFigures, ExperimentError> {
 pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let title = "How far a plan moves where its input moves a little: the largest change over some variants. Removed volume, points of %; least distance, \
                  mm; forces toward the nerve, |F| and total time, %. \"Choice\": another where mean |F| or time change by more than 5 %.";
-    let head = [
-        "changed",
-        "removed",
-        "distance",
-        "mean toward",
-        "peak toward",
-        "mean |F|",
-        "peak |F|",
-        "time",
-        "choice",
-    ];
+    let head = [&["changed"][..], &PlanFigures::HEADS, &["choice"]].concat();
     let mut table = Table::new("stability", title, &head);
     let plain = figures(&body())?;
     for (name, variants) in inputs() {

@@ -55,6 +55,13 @@ fn programs_agree_on_random_cases_and_on_their_twins() {
 }
 
 #[test]
+#[ignore = "case 973: the plan states 0.337 N toward the nerve, 0.382 N are driven"]
+fn programs_agree_on_case_973() {
+    let found = super::agree::agree([973], &());
+    assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
+}
+
+#[test]
 fn names_are_distinct_and_edits_find_their_lines() {
     let scenes = scenes();
     let mut names: Vec<_> = scenes.iter().map(|s| s.name).collect();

@@ -308,26 +308,25 @@ impl<'a> Start<'a> {
         choices: &Choices,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, ArmMotion), PlanError> {
-        let mut found = prepared.axes(choices, watch)?;
+        let mut found = prepared.choose_driven(choices, watch)?;
+        let mut pushing = prepared.pushing(&found.0);
         for _ in 0..MOST_PUT_OFF {
-            let pushing = prepared.pushing(&found.0);
             if pushing.points.is_empty() {
                 break;
             }
-            let later = (&prepared.reached, &pushing.points);
-            let later = Prepared::new(self, freedom, prepared.raster(), Some(later), watch)
-                .and_then(|mut later| later.axes(choices, watch).map(|found| (later, found)));
-            match later {
+            let later = Some((&prepared.reached, &pushing.points));
+            let later = Prepared::new(self, freedom, prepared.raster(), later, watch)
+                .and_then(|mut later| later.choose_driven(choices, watch).map(|found| (later, found)));
+            let (later, next) = match later {
                 Err(error) if error.is_infeasible() => break,
-                Err(error) => return Err(error),
-                Ok((later, next)) => {
-                    let leaves_more = later.reached.dropped.len() > prepared.reached.dropped.len();
-                    if leaves_more || later.pushing(&next.0).sum_n >= pushing.sum_n {
-                        break;
-                    }
-                    (*prepared, found) = (later, next);
-                }
+                later => later?,
+            };
+            let still = later.pushing(&next.0);
+            let leaves_more = later.reached.dropped.len() > prepared.reached.dropped.len();
+            if leaves_more || still.sum_n >= pushing.sum_n {
+                break;
             }
+            (*prepared, found, pushing) = (later, next, still);
         }
         Ok(found)
     }
@@ -351,7 +350,7 @@ impl<'a> Start<'a> {
         for round in 1..=MOST_ROUNDS {
             let (chosen, motion) = match first.take() {
                 Some(found) => found,
-                None => prepared.axes(&choices, watch)?,
+                None => prepared.choose_driven(&choices, watch)?,
             };
             let (needs_s, corrected) = self.corrected(prepared, &choices, &chosen, &motion)?;
             // after the last round nothing is chosen again
@@ -376,7 +375,7 @@ impl<'a> Start<'a> {
         // the loop runs at least once
         let (mut chosen, motion) = match best {
             Some((.., chosen, motion)) => (chosen, motion),
-            None => prepared.choose_with_motion(&choices, watch)?,
+            None => prepared.choose_driven(&choices, watch)?,
         };
         watch.run("forces", || prepared.look_exactly(&mut choices, &mut chosen, &motion))?;
         Ok((choices, chosen, motion))
@@ -414,15 +413,6 @@ impl<'a> Start<'a> {
             (timing, forces, caps_mm_s) = (slower, found, eased);
         }
         Ok((timing, forces))
-    }
-}
-
-impl Prepared<'_> {
-    /// Axes, the motion through them, and the forces along it.
-    fn axes(&mut self, choices: &Choices, watch: &mut Stopwatch) -> Result<(Chosen, ArmMotion), PlanError> {
-        let (mut chosen, motion) = self.choose_with_motion(choices, watch)?;
-        watch.run("forces", || self.look_within(choices, &mut chosen, &motion))?;
-        Ok((chosen, motion))
     }
 }
 

@@ -126,7 +126,7 @@ impl Prepared<'_> {
 
     /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it
     /// cannot reach is excluded and the axes are chosen again.
-    pub(super) fn choose_with_motion(
+    fn choose_with_motion(
         &mut self,
         choices: &Choices,
         watch: &mut Stopwatch,
@@ -156,6 +156,20 @@ impl Prepared<'_> {
         Ok((chosen, motion))
     }
 
+    /// [`Self::choose`] with the motion that leads through these axes, and the forces within moves along it.
+    ///
+    /// # Errors
+    /// As [`Self::choose`], and when no axis remains that the arm can follow.
+    pub(super) fn choose_driven(
+        &mut self,
+        choices: &Choices,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, ArmMotion), PlanError> {
+        let (mut chosen, motion) = self.choose_with_motion(choices, watch)?;
+        watch.run("forces", || self.look_within(choices, &mut chosen, &motion))?;
+        Ok((chosen, motion))
+    }
+
     pub(super) fn forced(&self) -> ForcedPath<'_> {
         let (removal, points) = (&self.reached.path.removal, self.points());
         ForcedPath { scene: self.start.scene, removal, points, feeds: &self.feeds }
@@ -165,7 +179,7 @@ impl Prepared<'_> {
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.
-    pub(super) fn look_within(
+    fn look_within(
         &self,
         choices: &Choices,
         chosen: &mut Chosen,

@@ -1,7 +1,7 @@
 //! Volumes: what is to be removed, what can be, what is, and why the rest stays.
 
 use bonemill_cutting::stock::removal::RemovalTime;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_imaging::ImageError;
 use bonemill_toolpath::path::PathPoint;
 use bonemill_toolpath::scene::{Class, Scene};

@@ -5,7 +5,7 @@
 //! between them too.
 
 use bonemill_cutting::stock::removal::RemovalTime;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Point, Work, cancel};
 use bonemill_toolpath::neighbours::joined;
 use bonemill_toolpath::path::PathPoint;

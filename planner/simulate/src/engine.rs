@@ -10,7 +10,7 @@
 
 use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool, checked, direction};
 use bonemill_cutting::cutter::ShankCylinder;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Point, Work, cancel};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;

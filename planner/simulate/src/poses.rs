@@ -1,7 +1,7 @@
 //! Converts a plan's joint trajectory to burr poses that are close enough for a simulation.
 
 use bonemill_arm::{Arm, RobotError};
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_planfile::Trajectory;
 use nalgebra::Vector3;

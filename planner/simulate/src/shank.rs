@@ -7,7 +7,7 @@
 //! Beyond the lattice a coarse map of bone is used; there only certain contacts are reported.
 
 use bonemill_cutting::cutter::ShankCylinder;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 

@@ -5,7 +5,7 @@
 //! The stored clearances only decide whether a part is tested again, so they may be dropped at any time.
 
 use bonemill_cutting::cutter::ShankCylinder;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 
 use super::engine::Pose;

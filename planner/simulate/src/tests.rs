@@ -264,7 +264,7 @@ proptest! {
             let cell = [n % nx, n / nx % ny, n / (nx * ny)];
             let p = lattice.point(Vector3::from(cell.map(|c| c as f64))).coords;
             let nearest = corners.windows(2).map(|pair| {
-                bonemill_cutting::stock::sweep::segment_distance_squared(&p, &pair[0].into(), &pair[1].into()).sqrt()
+                bonemill_geometry::capsule::segment_distance_squared(&p, &pair[0].into(), &pair[1].into()).sqrt()
             });
             let expected = (nearest.fold(f64::INFINITY, f64::min) - 1.1) / s;
             let found = f64::from(lattice.depth_of(cell));

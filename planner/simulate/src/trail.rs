@@ -7,7 +7,7 @@
 //! Straight steps are merged into one piece. A piece may replace a curved path within `tolerance_mm`, so that a path moved by
 //! hand at a thousand steps per second stays a few capsules. A straight path is stored exactly, however it is divided.
 
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
 

@@ -22,8 +22,8 @@ use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::runs::{Run, straight_runs};
-use bonemill_cutting::stock::sweep::segment_distance_squared;
 use bonemill_geometry::Point;
+use bonemill_geometry::capsule::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 
 use self::driven::{DrivenPath, comes_back};

@@ -247,14 +247,7 @@ fn a_wrist_singularity_is_avoided_where_the_roll_can_and_told_where_it_cannot() 
             .collect();
         let length_mm = lengths(&poses);
         let frame = RollFrame::about(&Unit::new_normalize(Vector3::new(0.1, -1.0, 0.2)));
-        let path = PosePath {
-            poses: &poses,
-            length_mm: &length_mm,
-            frame,
-            stiffness: None,
-            posture: Posture::Any,
-            room: None,
-        };
+        let path = PosePath { frame, ..path(&poses, &length_mm) };
         let resolved = resolve(&arm, &path).unwrap();
         resolved.map(|resolved| {
             let least = resolved.q.chunks_exact(6).map(|q| q[4].sin().abs()).fold(f64::INFINITY, f64::min);

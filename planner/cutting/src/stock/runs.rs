@@ -9,8 +9,9 @@ use crate::cutter::Ball;
 use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
 
-use crate::stock::sweep::{Rows, segment_distance_squared};
+use crate::stock::sweep::Rows;
 use crate::stock::voxels::VoxelSet;
+use bonemill_geometry::capsule::segment_distance_squared;
 
 /// Consecutive moves that deviate less than this from a straight line are one run, mm.
 const STRAIGHT_MM: f64 = 1e-6;

@@ -222,17 +222,10 @@ impl Capsule {
     }
 }
 
-/// Squared distance of `p` from the segment a–b.
-pub fn segment_distance_squared(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    let along = b - a;
-    let length_squared = along.norm_squared();
-    let t = if length_squared > 0.0 { ((p - a).dot(&along) / length_squared).clamp(0.0, 1.0) } else { 0.0 };
-    (p - a - along * t).norm_squared()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bonemill_geometry::capsule::segment_distance_squared;
     use proptest::prelude::*;
 
     const H: f64 = 0.3;

@@ -95,7 +95,7 @@ fn what_is_drawn_is_what_the_plan_does() {
     for m in &moments {
         let burr = Point::<Work>::from_coords(m.tool.translation_mm);
         let (a, b) = (show.path()[m.waypoint.saturating_sub(1)].coords, show.path()[m.waypoint].coords);
-        let off = bonemill_cutting::stock::sweep::segment_distance_squared(&burr.coords, &a, &b).sqrt();
+        let off = bonemill_geometry::capsule::segment_distance_squared(&burr.coords, &a, &b).sqrt();
         assert!(off < 0.06, "{off} mm at {} s", m.time_s);
         // the bone-attached arm ends at the burr
         assert!(m.links.last().unwrap().distance_mm(&burr) < 1e-9 && m.links.len() == 5);

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::capsule::segment_distance_squared;
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
