@@ -358,7 +358,7 @@ fn modelled(plan: &Plan) -> String {
         rows.push(("least distance of the arm's links, between the waypoints too".into(), escape(&said)));
     }
     rows.push((
-        "waypoints moved to the end of the path, because the shank was not free".into(),
+        "waypoints moved to the end of the path, because the shank was not free, or the burr pushed toward a structure".into(),
         m.path.put_off.to_string(),
     ));
     rows.extend(
