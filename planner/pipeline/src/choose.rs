@@ -188,7 +188,7 @@ impl Prepared<'_> {
         let case = &choices.applied_to(self.start.case);
         let (forced, sampled) = (self.forced(), SampledForce::within(case)?);
         let swept = forced.rounded((&self.start, case), motion)?;
-        chosen.within = forced.within((&sampled, &swept), &chosen.oriented.axes, &chosen.forces);
+        chosen.within = forced.within((&sampled, &swept, &self.near), &chosen.oriented.axes, &chosen.forces);
         Ok(())
     }
 

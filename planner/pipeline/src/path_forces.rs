@@ -41,6 +41,8 @@ const STRAIGHT_RAD: f64 = 1e-3;
 /// this share of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
+/// Where edges push without a chip, what they push toward a structure as they meet bone comes and goes within a few per cent of a move.
+const APART_WITH_EDGES: f64 = 0.01;
 /// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
 /// known as finely.
 const AS_LARGE: f64 = 0.9;
@@ -314,15 +316,17 @@ impl ForcedPath<'_> {
         Ok(SweptPath::driven(self.scene, self.removal, self.points, ball, &corners))
     }
 
-    /// Forces at places within every move of the driven path, given those at the ends of moves that are planned to remove something.
+    /// Forces at places within every move of the driven path, given those at the ends of moves that are planned to remove something. They are
+    /// computed where the force varies, and where edges push also where its part toward one of the structures that are `near` does.
     pub fn within(
         &self,
-        (sampled, swept): (&SampledForce, &SweptPath),
+        (sampled, swept, near): (&SampledForce, &SweptPath, &[Vec<NearStructure>]),
         axes: &[Unit<Vector3<f64>>],
         ends: &[Option<EngagedForce>],
     ) -> Vec<Vec<ForceWithin>> {
         let pushes = |force: &EngagedForce| force.force_n(sampled.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
+        let toward_apart = if sampled.has_edges { APART_WITH_EDGES } else { f64::INFINITY };
         let of_move = |i: usize| {
             let at = |share: f64| {
                 let weight = |density| sampled.weight(density);
@@ -346,8 +350,17 @@ impl ForcedPath<'_> {
             let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
             while let Some([from, to]) = pairs.pop() {
                 let [a, b] = [pushes(&from.1), pushes(&to.1)];
-                let same_n = sampled.force_change * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
-                if to.0 - from.0 <= APART || (a - b).norm() <= same_n {
+                let varies = |change_n: f64, largest_here_n: f64| {
+                    change_n > sampled.force_change * largest_here_n + VARIES_LEAST * largest_n
+                };
+                let varies_toward = |n: &NearStructure| {
+                    let [a, b] = [n.most(&a, from.0), n.most(&b, to.0)];
+                    varies((a - b).abs(), a.max(b).max(0.0))
+                };
+                let apart = to.0 - from.0;
+                let varies = apart > APART && varies((a - b).norm(), a.norm().max(b.norm()))
+                    || apart > toward_apart && near[i].iter().any(varies_toward);
+                if !varies {
                     continue;
                 }
                 let middle = 0.5 * (from.0 + to.0);

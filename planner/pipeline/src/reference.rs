@@ -125,7 +125,7 @@ impl ReferencePath {
         let fine = forced.finely((case, &swept), &axes, |i| cuts(i) && is_near(i))?;
         let rest = forced.at_ends((&sampled, &swept), &axes, |i| cuts(i) && !is_near(i));
         let ends: Vec<_> = fine.into_iter().zip(rest).map(|(fine, rest)| fine.or(rest)).collect();
-        let within = forced.within((&sampled, &swept), &axes, &ends);
+        let within = forced.within((&sampled, &swept, &near), &axes, &ends);
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
