@@ -7,6 +7,7 @@ use bonemill_planner::calibrate::Coefficient;
 use bonemill_planner::case::draft::ROBOTS;
 use bonemill_planner::plan::{Need, PlanFileError, StoredPlan};
 use bonemill_planner::simulate::ModelName;
+use clap::error::{ContextKind, ContextValue};
 use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
@@ -45,7 +46,8 @@ impl Args {
     /// # Errors
     /// What clap has to say: a usage error, or the help or version that was asked for.
     pub fn read() -> Result<Self, clap::Error> {
-        Self::from_arg_matches(&with_negative_numbers(Self::command()).try_get_matches()?)
+        let read = with_negative_numbers(Self::command()).try_get_matches().map_err(without_wrong_tip);
+        Self::from_arg_matches(&read?)
     }
 
     /// What the command prints; `--json` has precedence over `--quiet`.
@@ -56,6 +58,18 @@ impl Args {
             (false, false) => Talk::People,
         }
     }
+}
+
+/// A usage error without the tip to pass an unknown option as a value, which would be taken for a file.
+fn without_wrong_tip(mut error: clap::Error) -> clap::Error {
+    let is_wrong = |value: &ContextValue| match value {
+        ContextValue::StyledStrs(tips) => tips.iter().any(|tip| tip.to_string().starts_with("to pass ")),
+        _ => false,
+    };
+    if error.get(ContextKind::Suggested).is_some_and(is_wrong) {
+        error.remove(ContextKind::Suggested);
+    }
+    error
 }
 
 /// The command with options that take a number such as -5 as a value, to be refused by its range and not as an unknown option.
@@ -87,6 +101,8 @@ pub enum Command {
     Case(CaseArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
+    /// Search where a UR may stand beside the patient, with a map
+    Stand(StandArgs),
     /// Turn a part (STL, OBJ, PLY) into a proven milling program: orientation, block, toolpath, G-code
     Prosthesis(ProsthesisArgs),
     /// Keep the catalogue of blocks that parts are milled from
@@ -190,6 +206,29 @@ pub struct PlanArgs {
     /// Leave slices of the CT out of report.html, so that the page can go where the scan may not
     #[arg(long)]
     pub no_slices: bool,
+}
+
+/// Lengths are in ct (RAS+: +x right, +y front, +z toward the head) from the target's centre.
+#[derive(Debug, clap::Args)]
+pub struct StandArgs {
+    /// Case file with a UR; its registration, if it has one, is not looked at
+    #[arg(value_name = "CASE.toml")]
+    pub case: PathBuf,
+    /// Which way is up in ct: 0 1 0 for a patient who lies on the back
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], required = true)]
+    pub up: Vec<f64>,
+    /// Least x, y and z of the base's origin, mm
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], required = true)]
+    pub from_mm: Vec<f64>,
+    /// Largest x, y and z, mm; the same as the least where there is no choice
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], required = true)]
+    pub to_mm: Vec<f64>,
+    /// Largest distance between the places that are tried, mm
+    #[arg(long, default_value_t = 50.0, value_name = "MM")]
+    pub step_mm: f64,
+    /// Write a map of the places
+    #[arg(long, value_name = "MAP.svg")]
+    pub map: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]

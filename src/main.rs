@@ -22,6 +22,7 @@ mod prosthesis;
 mod report;
 mod signals;
 mod simulate;
+mod stand;
 mod stock;
 mod stream;
 mod verify;
@@ -83,6 +84,7 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Case(args) => case::run(args, console),
         Command::Plan(plan) => plan::run(plan, console),
+        Command::Stand(stand) => stand::run(stand, console),
         Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
         Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export, console),

@@ -36,6 +36,7 @@ mod scan_edge;
 mod shortfalls;
 mod simulate;
 mod slicer;
+mod stand;
 mod thin_bone;
 mod tidy;
 mod travel;

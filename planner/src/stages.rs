@@ -35,6 +35,8 @@ pub const PLAN: &[Stage] = &[
 ];
 /// [`crate::channel::plan`].
 pub const CHANNEL: &[Stage] = &[("read images", 1), ("channel", 1), ("scene", 2), ("joints", 2)];
+/// [`crate::stand::search`].
+pub const STAND: &[Stage] = &[("read images", 1), ("scene", 5), ("places", 100)];
 /// [`crate::verify::verify`] of a milled target.
 pub const VERIFY: &[Stage] = &[
     ("read images", 2),

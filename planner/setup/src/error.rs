@@ -183,6 +183,12 @@ pub enum PlanError {
         /// How large the base is, mm.
         base_mm: f64,
     },
+    /// No place can be searched for.
+    #[error("where the arm may stand cannot be searched for: {reason}")]
+    CannotStand {
+        /// Why not, and what was expected.
+        reason: String,
+    },
     /// The cost uses the deflection, and the case gives no stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
@@ -264,7 +270,11 @@ impl PlanError {
             Self::Robot(
                 RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },
             ) => "robot.model",
-            Self::File(_) | Self::Robot(_) | Self::Model(_) | Self::NoAccess { .. } => return None,
+            Self::File(_)
+            | Self::Robot(_)
+            | Self::Model(_)
+            | Self::NoAccess { .. }
+            | Self::CannotStand { .. } => return None,
         };
         Some(key.into())
     }

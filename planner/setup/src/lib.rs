@@ -12,6 +12,7 @@ pub mod reach;
 pub mod registration;
 pub mod room;
 mod setup;
+pub mod stand;
 mod stopwatch;
 pub mod survey;
 pub mod tools;

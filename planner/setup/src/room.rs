@@ -48,6 +48,18 @@ pub fn room(
     Ok(Room::new(arm, &handpiece(case, arm), obstacles, clearance_mm))
 }
 
+/// A room of the case as it is with the arm's base elsewhere.
+pub fn seen_from(case: &Case, room: &Room, base_from_ct: &Rigid<Base, Ct>) -> Room {
+    let head = |obstacle: &Obstacle| match &obstacle.shape {
+        Shape::Head(head) => {
+            Some(Obstacle { name: obstacle.name.clone(), shape: Shape::Head(head.seen_from(base_from_ct)) })
+        }
+        _ => None,
+    };
+    let patient = room.obstacles().iter().filter_map(head);
+    room.among(case.obstacles.iter().map(|o| placed(o, base_from_ct)).chain(patient).collect())
+}
+
 /// What the user should know of links that are not checked.
 pub fn warning(case: &Case, room: Option<&Room>) -> Option<String> {
     let asked = case.robot.room.link_clearance_mm.is_some() || !case.obstacles.is_empty();

@@ -8,6 +8,7 @@ pub mod run;
 pub mod save;
 pub mod show;
 pub mod slicer;
+pub mod stand;
 mod streamed;
 
 pub use streamed::stream_input;

@@ -1,5 +1,7 @@
 //! The patient as a distance field on coarse cells.
 
+use std::sync::Arc;
+
 use bonemill_geometry::{Base, Ct, Point, Rigid, Volume};
 
 /// Distance from what was scanned, on a grid that holds all of it.
@@ -10,7 +12,7 @@ use bonemill_geometry::{Base, Ct, Point, Rigid, Volume};
 /// √(a² + b²) from the patient, a its distance from the grid and b the bound at the grid's nearest point.
 #[derive(Debug, Clone)]
 pub struct Head {
-    distance_mm: Volume<f32, Ct>,
+    distance_mm: Arc<Volume<f32, Ct>>,
     ct_from_base: Rigid<Ct, Base>,
     half_diagonal_mm: f64,
 }
@@ -19,7 +21,12 @@ impl Head {
     /// From the distance between centres of cells, mm.
     pub fn new(distance_mm: Volume<f32, Ct>, base_from_ct: &Rigid<Base, Ct>) -> Self {
         let half_diagonal_mm = 0.5 * distance_mm.grid().diagonal_mm();
-        Self { distance_mm, ct_from_base: base_from_ct.inverse(), half_diagonal_mm }
+        Self { distance_mm: Arc::new(distance_mm), ct_from_base: base_from_ct.inverse(), half_diagonal_mm }
+    }
+
+    /// The same patient, seen from a base elsewhere.
+    pub fn seen_from(&self, base_from_ct: &Rigid<Base, Ct>) -> Self {
+        Self { ct_from_base: base_from_ct.inverse(), ..self.clone() }
     }
 
     /// A bound, or any that is at least `enough_mm`.

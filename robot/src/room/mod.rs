@@ -76,6 +76,11 @@ impl Room {
         Some(Self { links, obstacles, clearance_mm })
     }
 
+    /// The same arm among other obstacles.
+    pub fn among(&self, obstacles: Vec<Obstacle>) -> Self {
+        Self { links: self.links.clone(), obstacles, clearance_mm: self.clearance_mm }
+    }
+
     /// The distance that every link keeps, mm.
     pub fn clearance_mm(&self) -> f64 {
         self.clearance_mm
