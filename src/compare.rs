@@ -6,7 +6,7 @@ use bonemill_planner::plan::{Need, StoredPlan};
 use bonemill_planner::report::compare::page;
 
 use crate::args::CompareArgs;
-use crate::outcome::Outcome;
+use crate::outcome::{self, Outcome};
 
 pub fn run(args: &CompareArgs) -> anyhow::Result<Outcome> {
     // the plans' inputs are not needed
@@ -17,6 +17,7 @@ pub fn run(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let names = names.each_ref().map(AsRef::as_ref);
     let comparison = Comparison::of(plans);
     if let Some(out) = &args.out {
+        outcome::is_page(out)?;
         std::fs::write(out, page(&comparison, names, plans))
             .with_context(|| format!("cannot write {}", out.display()))?;
     }

@@ -158,9 +158,11 @@ fn files(
             notes.push("It does not switch the spindle.".into());
             if args.rate_hz.is_none() {
                 notes.push(format!(
-                    "The burr stays within {LEFT_OUT_MM} mm of the plan's motion, whether positions are interpolated linearly or by cubics \
+                    "The burr stays within {LEFT_OUT_MM:.3} mm of the plan's motion, whether positions are interpolated linearly or by cubics \
                      with the velocities."
                 ));
+            } else {
+                notes.push("How far the burr leaves the plan's motion between points at a given rate is not bounded; without --rate it is.".into());
             }
             let rows = rows(plan, args.rate_hz, ROS_RATE_HZ, &[Between::Straight, Between::Cubic])?;
             let (mut json, mut yaml) = (Vec::new(), Vec::new());

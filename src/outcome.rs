@@ -5,7 +5,6 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
 use bonemill_planner::report::percent;
@@ -71,14 +70,15 @@ impl Outcome {
         let m = &record.metrics;
         let share = |name| percent(m.number(name).unwrap_or(0.0));
         let text = format!(
-            "wrote {}\nremoved {:.1} mm³ of the target's {:.1} mm³ ({}), and {} of the {:.1} mm³ that the burr can reach; {:.0} s of \
+            "wrote {}\nremoved {:.1} mm³ of the target's {:.1} mm³ ({}); of the {:.1} mm³ that the burr can reach {:.1} mm³ ({}); {:.0} s of \
              milling\n",
             out.display(),
             m.removed_mm3,
             m.target_mm3,
             share("removed_share"),
-            share("reached_share"),
             m.reachable_mm3,
+            m.number("reached_share").unwrap_or(0.0) * m.reachable_mm3,
+            share("reached_share"),
             m.total_time_s
         );
         let text = record.channel().map_or(text, |channel| channel_text(out, record, &channel));
@@ -129,9 +129,9 @@ impl Outcome {
     }
 
     /// A simulation's figures; contact of the shank with bone is a shortfall.
-    pub fn simulated(out: &Path, simulation: &Simulation, case: &Case) -> Self {
+    pub fn simulated(out: &Path, simulation: &Simulation, record: &PlanRecord) -> Self {
         let mut text = format!("wrote {}\n", out.display());
-        let figures = figures(simulation, case);
+        let figures = figures(simulation, record);
         text.extend(figures.iter().map(|(name, value)| format!("{name}: {value}\n")));
         let mut outcome = Self::new("simulate", text);
         if let Some((time_s, c)) = simulation.contacts.first() {
@@ -145,7 +145,7 @@ impl Outcome {
             ));
         }
         outcome.object.insert("out".into(), out.to_string_lossy().into());
-        outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation, case))));
+        outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation, &record.case))));
         outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
         outcome
     }
@@ -272,6 +272,13 @@ impl Outcome {
         let mut outcome = Self::new(command, text);
         outcome.object.insert("figures".into(), values);
         outcome
+    }
+
+    /// Falls short for a reason.
+    pub fn falling_short(mut self, reason: String) -> Self {
+        self.shortfalls.push(reason);
+        self.object.insert("shortfalls".into(), self.shortfalls.clone().into());
+        self
     }
 
     fn new(command: &str, text: String) -> Self {
@@ -426,6 +433,17 @@ pub fn tell_usage(said: &clap::Error, wants_json: bool) -> ExitCode {
         tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }), text);
     }
     ExitCode::from(2)
+}
+
+/// Refuses to write a page into a file that is none by its name, e.g. a case.
+///
+/// # Errors
+/// What was expected.
+pub fn is_page(out: &Path) -> anyhow::Result<()> {
+    let is_page = out.extension().is_some_and(|end| end.eq_ignore_ascii_case("html"));
+    is_page
+        .then_some(())
+        .with_context(|| format!("--out {}: expected a file such as page.html", out.display()))
 }
 
 /// A planned channel for people.

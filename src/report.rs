@@ -6,7 +6,7 @@ use bonemill_planner::report::run::page;
 use bonemill_planner::run::RunComparison;
 
 use crate::args::ReportArgs;
-use crate::outcome::Outcome;
+use crate::outcome::{self, Outcome};
 
 pub fn run(args: &ReportArgs) -> anyhow::Result<Outcome> {
     let dir = &args.plan;
@@ -18,6 +18,7 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<Outcome> {
         format!("{} cannot be compared with the plan in {}", args.run.display(), dir.display())
     })?;
     if let Some(out) = &args.out {
+        outcome::is_page(out)?;
         std::fs::write(out, page(&found, &dir.to_string_lossy()))
             .with_context(|| format!("cannot write {}", out.display()))?;
     }

@@ -41,8 +41,8 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
     };
     let simulation = simulate(&plan, args.model, sampling, progress).with_context(cannot)?;
     progress.stage("write files");
-    let out = save::simulation(&plan.dir, &simulation, &plan.record.case)?;
-    Ok(Outcome::simulated(&out, &simulation, &plan.record.case))
+    let out = save::simulation(&plan.dir, &simulation, &plan.record)?;
+    Ok(Outcome::simulated(&out, &simulation, &plan.record))
 }
 
 /// Fits the burr's coefficients to a log.

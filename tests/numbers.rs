@@ -38,10 +38,11 @@ fn a_number_is_the_same_wherever_it_stands() {
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
     let [reached, removed] = ["reached_share", "removed_share"].map(|name| percent(number(name)));
     let said = format!(
-        "removed {:.1} mm³ of the target's {:.1} mm³ ({removed}), and {reached} of the {:.1} mm³ that the burr can reach; {:.0} s",
+        "removed {:.1} mm³ of the target's {:.1} mm³ ({removed}); of the {:.1} mm³ that the burr can reach {:.1} mm³ ({reached}); {:.0} s",
         number("removed_mm3"),
         number("target_mm3"),
         number("reachable_mm3"),
+        object["metrics"]["removed_reachable"]["all_mm3"].as_f64().unwrap(),
         number("total_time_s"),
     );
     assert!(told.contains(&said), "{said}\n{told}");

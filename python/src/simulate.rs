@@ -67,7 +67,7 @@ pub fn simulate<'py>(
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
             progress.stage("write files");
-            save::simulation(finished.dir(), &simulated, &plan.record.case)?;
+            save::simulation(finished.dir(), &simulated, &plan.record)?;
         }
         Ok::<_, NotDone>((simulated, plan.record.case))
     })?;

@@ -21,8 +21,10 @@ use bonemill_setup::armpath::Placed;
 const STEP_MM: f64 = 10.0;
 /// Directions from which an arm without closed form is tried, at the middle of the lattice.
 const SEEDS: usize = 12;
-/// Around a place where an axis was refused it is refused as far, mm.
-pub const REFUSED_MM: f64 = 2.0;
+/// Around a place where an axis was refused it and the axes within half a spacing of it are refused as far, mm ..
+const REFUSED_MM: f64 = 2.0;
+/// .. for the first so many; then both distances double every second time, so that few tries exclude all that is near.
+const REFUSED_ALIKE: usize = 8;
 
 /// The axes that an arm can take.
 #[derive(Debug, Clone)]
@@ -32,7 +34,16 @@ pub struct ArmAxes {
     reached: Reached,
     /// Whether every axis is taken everywhere.
     takes_all: bool,
-    refused: Vec<(Point<Work>, Unit<Vector3<f64>>)>,
+    refused: Vec<Refused>,
+}
+
+/// An axis that the arm cannot take at a place, and how far around both it is refused.
+#[derive(Debug, Clone, Copy)]
+struct Refused {
+    at: Point<Work>,
+    axis: Unit<Vector3<f64>>,
+    within_mm: f64,
+    within_rad: f64,
 }
 
 /// Places along the axes of work, number x + counts[0]·(y + counts[1]·z).
@@ -77,9 +88,9 @@ impl ArmAxes {
         if self.allows_all() {
             return true;
         }
-        let is_near = |(place, refused): &(Point<Work>, Unit<Vector3<f64>>)| {
-            place.distance_mm(&at) <= REFUSED_MM
-                && angle_between(refused, axis) <= 0.5 * self.set.spacing_rad()
+        let is_near = |refused: &Refused| {
+            refused.at.distance_mm(&at) <= refused.within_mm
+                && angle_between(&refused.axis, axis) <= refused.within_rad
         };
         if self.refused.iter().any(is_near) {
             return false;
@@ -88,9 +99,13 @@ impl ArmAxes {
         self.takes_all || self.lattice.corners(at).into_iter().all(takes)
     }
 
-    /// The arm cannot take this axis there after all.
-    pub fn refuse(&mut self, at: Point<Work>, axis: Unit<Vector3<f64>>) {
-        self.refused.push((at, axis));
+    /// The arm cannot take this axis there after all; gives the distance within which places are concerned, mm.
+    pub fn refuse(&mut self, at: Point<Work>, axis: Unit<Vector3<f64>>) -> f64 {
+        let doubled = (self.refused.len() + 2).saturating_sub(REFUSED_ALIKE) / 2;
+        let wider = 2f64.powi(doubled.min(60) as i32);
+        let (within_mm, within_rad) = (wider * REFUSED_MM, wider * 0.5 * self.set.spacing_rad());
+        self.refused.push(Refused { at, axis, within_mm, within_rad });
+        within_mm
     }
 
     /// A joint vector near which an arm without closed form can start, for a path that begins there.

@@ -18,7 +18,6 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::arm_axes::REFUSED_MM;
 use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::force_error::ForceError;
 use super::free_axes::FreeAxes;
@@ -30,8 +29,8 @@ use super::prepared::Prepared;
 use super::sampled::SampledForce;
 use super::speeds;
 
-/// Largest number of axes that are excluded one after the other.
-const MOST_REFUSED: usize = 12;
+/// Largest number of axes that are excluded one after the other; by then every axis near them is.
+const MOST_REFUSED: usize = 24;
 
 /// What may be chosen anew on a prepared path.
 #[derive(Debug, Clone, PartialEq)]
@@ -239,9 +238,9 @@ impl Prepared<'_> {
     /// Excludes an axis that the arm cannot reach from the waypoints around it; returns whether every waypoint has another axis left.
     fn refuse(&mut self, waypoint: usize, axis: Unit<Vector3<f64>>) -> bool {
         let at = self.reached.path.points[waypoint].position;
-        self.arm_axes.refuse(at, axis);
+        let within_mm = self.arm_axes.refuse(at, axis);
         let axes = self.directions.axes();
-        let is_near = |point: &PathPoint| point.position.distance_mm(&at) <= REFUSED_MM;
+        let is_near = |point: &PathPoint| point.position.distance_mm(&at) <= within_mm;
         for (i, point) in self.reached.path.points.iter().enumerate().filter(|(_, point)| is_near(point)) {
             self.reached.free.retain(i, |n| self.arm_axes.allows(point.position, &axes[n]));
         }

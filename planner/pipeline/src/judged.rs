@@ -51,7 +51,7 @@ impl Attempt<'_> {
         let mut found = setup.warnings.clone();
         found.extend(modelled.arm.lowest_link.and_then(|lowest| lowest.warning()));
         if let Some(missed) = missed {
-            found.push(nominal_time_missed(missed, &self.why_not_in(missed)?));
+            found.push(nominal_time_missed(missed, &self.compared.plan, &self.why_not_in(missed)?));
         }
         found.extend(self.compared.warning(case, self.timing.driven.law.duration_s()));
         Ok(found)
@@ -101,10 +101,11 @@ fn time_missed((asked_s, got_s): (f64, f64), forces: &StructureForces, why: &str
 }
 
 /// The same for a case without `speed.total_time_s`.
-fn nominal_time_missed((asked_s, got_s): (f64, f64), why: &str) -> String {
+fn nominal_time_missed((asked_s, got_s): (f64, f64), forces: &StructureForces, why: &str) -> String {
     format!(
         "the time with every cut at speed.nominal_mm_s, {asked_s:.1} s, cannot be met with the least force: the plan takes \
-         {got_s:.1} s (give speed.total_time_s for another time); {why}"
+         {got_s:.1} s, with a mean force of {:.2} N and a largest of {:.2} N (give speed.total_time_s for another time); {why}",
+        forces.mean_n, forces.peak_n
     )
 }
 

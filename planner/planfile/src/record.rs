@@ -65,8 +65,20 @@ pub struct Metrics {
 impl Metrics {
     /// The number with this name in the file.
     pub fn number(&self, name: &str) -> Option<f64> {
-        match self.entries().into_iter().find(|(key, _)| key == name)?.1 {
+        self.number_at(&[name])
+    }
+
+    /// The number with this name in a table within tables, each by its name.
+    pub fn number_at(&self, keys: &[&str]) -> Option<f64> {
+        let within = |value: Value, key: &&str| match value {
+            Value::Table(entries) => {
+                entries.into_iter().find(|(name, _)| name == key).map(|(_, value)| value)
+            }
+            _ => None,
+        };
+        match keys.iter().try_fold(Value::Table(self.entries()), within)? {
             Value::Number(v) => Some(v),
+            Value::Integer(count) => Some(count as f64),
             _ => None,
         }
     }

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::Case;
 use bonemill_channel::ChannelPlan;
 use bonemill_pipeline::Plan;
 use bonemill_planfile::{
@@ -50,9 +49,13 @@ pub fn channel(
 ///
 /// # Errors
 /// [`PlanFileError`] for a value that is not finite, a structure that the case lacks, or a file that cannot be written.
-pub fn simulation(dir: &Path, simulation: &Simulation, case: &Case) -> Result<PathBuf, PlanFileError> {
-    let path = bonemill_simulate::save_rows(dir, simulation, case)?;
-    add_to_report(dir, ReportPart::Simulation, &report::simulation::section(simulation, case))?;
+pub fn simulation(
+    dir: &Path,
+    simulation: &Simulation,
+    record: &PlanRecord,
+) -> Result<PathBuf, PlanFileError> {
+    let path = bonemill_simulate::save_rows(dir, simulation, &record.case)?;
+    add_to_report(dir, ReportPart::Simulation, &report::simulation::section(simulation, record))?;
     Ok(path)
 }
 

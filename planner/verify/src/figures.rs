@@ -199,17 +199,7 @@ pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
 
 /// A figure of the plan that is not one of the required ones, by its keys, the outermost first.
 pub(super) fn stated(plan: &StoredPlan, keys: &[&str]) -> Option<f64> {
-    let (first, rest) = keys.split_first()?;
-    let mut value = &plan.record.metrics.more.iter().find(|(key, _)| key == first)?.1;
-    for key in rest {
-        let Value::Table(entries) = value else { return None };
-        value = &entries.iter().find(|(name, _)| name == key)?.1;
-    }
-    match value {
-        Value::Number(number) => Some(*number),
-        Value::Integer(count) => Some(*count as f64),
-        _ => None,
-    }
+    plan.record.metrics.number_at(keys)
 }
 
 /// A table of the plan's figures.

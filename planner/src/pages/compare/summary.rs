@@ -5,7 +5,7 @@ use bonemill_verify::Short;
 use super::{Comparison, lines};
 
 /// Group and name of a figure, what it is in words, and its factor; `*` stands for the structure that is most important.
-const FIGURES: [(&str, &str, &str, f64); 15] = [
+const FIGURES: [(&str, &str, &str, f64); 18] = [
     ("rest", "removed_share", "target removed, %", 100.0),
     ("rest", "reached_share", "removed of what the burr can reach, %", 100.0),
     ("volumes", "removed_bone_mm3", "bone removed, mm³", 1.0),
@@ -22,8 +22,16 @@ const FIGURES: [(&str, &str, &str, f64); 15] = [
     ("forces", "peak_thrust_n", "peak thrust, N", 1.0),
     ("rest", "peak_torque_nmm", "peak torque, N mm", 1.0),
     ("structure *", "least_surface_distance_mm", "least distance of the burr's surface from *, mm", 1.0),
-    ("structure *", "mean_force_toward_n", "mean force toward *, N", 1.0),
-    ("structure *", "peak_force_toward_n", "peak force toward *, N", 1.0),
+    ("structure *", "near.mean_force_toward_n", "mean force toward * within 2 mm, N", 1.0),
+    ("structure *", "near.peak_force_toward_n", "peak force toward * within 2 mm, N", 1.0),
+    (
+        "forces",
+        "compared.straight.near.*.mean_force_toward_n",
+        "  of a straight shaft with the least force in that time: mean",
+        1.0,
+    ),
+    ("forces", "compared.straight.near.*.peak_force_toward_n", "    peak", 1.0),
+    ("forces", "compared.straight.mean_force_n", "    mean force, N", 1.0),
     ("rest", "kept.*.clearance_mm", "least distance of the tool's surface from *, mm", 1.0),
     ("rest", "kept.*.touch_probability", "probability of touching *", 1.0),
 ];

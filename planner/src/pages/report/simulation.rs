@@ -3,18 +3,21 @@
 use std::fmt::Write;
 
 use bonemill_case::Case;
-use bonemill_planfile::Value;
+use bonemill_planfile::{PlanRecord, Value};
 use bonemill_simulate::{Simulation, SimulationRow, VoxelKind};
 
 use super::chart::{Series, chart};
 use super::escape;
 use super::structures::structure_table;
 
+/// A simulated force counts as more than a stated one beyond this share and this much, N: the simulation's lattice.
+const LATTICE: [f64; 2] = [0.1, 0.05];
 /// Largest number of contacts that the page lists.
 const LISTED: usize = 10;
 
 /// The section, from its heading on.
-pub fn section(simulation: &Simulation, case: &Case) -> String {
+pub fn section(simulation: &Simulation, record: &PlanRecord) -> String {
+    let case = &record.case;
     let mut out = "<h2>Simulation of the trajectory</h2>".to_owned();
     out.push_str(&verdict(simulation, case.tool.word()));
     let over_time = |value: &dyn Fn(&SimulationRow) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
@@ -47,7 +50,7 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
             &[],
         ));
     }
-    let rows: String = figures(simulation, case)
+    let rows: String = figures(simulation, record)
         .into_iter()
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
@@ -81,16 +84,30 @@ fn verdict(simulation: &Simulation, tool: &str) -> String {
     )
 }
 
-/// Names and values of a simulation's figures, for people.
-pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
+/// Names and values of a simulation's figures, for people; beside those that a plan states, what it states.
+pub fn figures(simulation: &Simulation, record: &PlanRecord) -> Vec<(String, String)> {
+    let (case, metrics) = (&record.case, &record.metrics);
+    let beside = |simulated_n: f64, stated_n: Option<f64>| {
+        let Some(stated_n) = stated_n else { return String::new() };
+        let [share, least_n] = LATTICE;
+        let word = if simulated_n > stated_n * (1.0 + share) + least_n { ": more than stated" } else { "" };
+        format!(" (the plan states {stated_n:.3} N{word})")
+    };
+    let (peak_n, mean_n) = (simulation.peak_force_n(), simulation.mean_force_n());
     let largest =
         |value: &dyn Fn(&SimulationRow) -> f64| simulation.rows.iter().map(value).fold(0.0, f64::max);
     let (tool, is_channel) = (case.tool.word(), case.job.channel().is_some());
     let mut out = vec![
         ("poses".to_owned(), simulation.rows.len().to_string()),
-        ("simulated peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
+        (
+            "simulated peak force (mean over a turn)".into(),
+            format!("{peak_n:.3} N{}", beside(peak_n, metrics.number("peak_force_n"))),
+        ),
         ("largest force within a turn".into(), format!("{:.2} N", largest(&|row| row.peak_n))),
-        ("simulated mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
+        (
+            "simulated mean force while cutting".into(),
+            format!("{mean_n:.3} N{}", beside(mean_n, metrics.number("mean_force_n"))),
+        ),
         ("peak torque".into(), format!("{:.2} N mm", largest(&|row| row.torque_nmm))),
         ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
         ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
@@ -132,9 +149,20 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
         if let Some(row) = found.force.peak_row {
             let (peak_n, time_s) = (found.force.peak_n, simulation.rows[row].time_s);
             let name = format!("simulated peak force toward {}", structure.name);
+            let stated = |keys: &[&str]| {
+                let keys = [&["structures", structure.name.as_str()], keys].concat();
+                metrics.number_at(&keys)
+            };
+            let [far, near] = [
+                beside(peak_n, stated(&["peak_force_toward_n"])),
+                beside(found.near.peak_n, stated(&["near", "peak_force_toward_n"])),
+            ];
             out.push((
                 name,
-                format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N within 2 mm of it", found.near.peak_n),
+                format!(
+                    "{peak_n:.3} N at {time_s:.2} s{far}; {:.3} N within 2 mm of it{near}",
+                    found.near.peak_n
+                ),
             ));
         }
     }
