@@ -75,7 +75,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
         "time, s",
         "peak force, N",
         "least distance of the burr's surface from nerve, mm",
-        "peak force toward nerve, N",
+        "peak force toward nerve within 2 mm, N",
         "largest distance between the paths, mm",
     ] {
         assert_eq!(figures.lines().filter(|line| line.starts_with(row)).count(), 1, "{row}: {short}");

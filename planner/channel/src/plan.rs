@@ -190,7 +190,8 @@ impl ChannelJob<'_> {
         let registered = registration::registration(&self.case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, self.tool.radius_mm)
             .map_err(|error| registered.blame(self.case, error))?;
-        let room = room::room(self.case, &arm, &self.images.ct.volume, &registered.base_from_ct)?;
+        let room =
+            room::room(self.case, &arm, (&self.images.ct.volume, &scene.approach), &registered.base_from_ct)?;
         let mut warnings = self.images.warnings.clone();
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(self.case, &arm));

@@ -2,7 +2,7 @@
 //!
 //! The patient is every voxel above -300 HU, on cells of about 2.5 mm: a cell belongs to the patient if any of its
 //! voxels does. Air that is not joined to the scan's border is filled, and pieces below 500 mm³ are left out. Cells of the
-//! scan's outermost layer are repeated beyond it for `robot.head_beyond_mm`.
+//! scan's outermost layer are repeated beyond it for `robot.head_beyond_mm`, but for faces within 60° of the approach: the tool comes in there.
 
 use bonemill_arm::{Arm, ArmKind};
 use bonemill_case::{Case, HeadSource, ObstacleFrame, ObstacleShape};
@@ -20,17 +20,19 @@ const TISSUE_HU: f32 = -300.0;
 const CELL_MM: f64 = 2.5;
 /// Smaller pieces of tissue are noise, mm³.
 const SPECK_MM3: f64 = 500.0;
+/// Faces of the scan whose way out has more than this in common with the approach are open. Assumed: 60°.
+const OPEN: f64 = 0.5;
 /// The patient's name in messages.
 const HEAD_NAME: &str = "the patient (the scan's tissue)";
 
-/// The room of an arm; `None` where the case asks for no clearance of links, or the arm's shapes are not known.
+/// The room of an arm, the approach unit in ct; `None` where the case asks for no clearance of links, or the arm's shapes are not known.
 ///
 /// # Errors
 /// When the scan's distance field cannot be made.
 pub fn room(
     case: &Case,
     arm: &Arm,
-    ct: &Volume<f32, Ct>,
+    (ct, approach): (&Volume<f32, Ct>, &Vector3<f64>),
     base_from_ct: &Rigid<Base, Ct>,
 ) -> Result<Option<Room>, PlanError> {
     let spec = case.robot.room;
@@ -40,7 +42,7 @@ pub fn room(
     }
     let mut obstacles: Vec<Obstacle> = case.obstacles.iter().map(|o| placed(o, base_from_ct)).collect();
     if spec.head == HeadSource::Scan
-        && let Some(field) = head_field(ct, spec.head_beyond_mm)?
+        && let Some(field) = head_field((ct, approach), spec.head_beyond_mm)?
     {
         let shape = Shape::Head(Head::new(field, base_from_ct));
         obstacles.push(Obstacle { name: HEAD_NAME.into(), shape });
@@ -108,9 +110,12 @@ fn placed(obstacle: &bonemill_case::Obstacle, base_from_ct: &Rigid<Base, Ct>) ->
 }
 
 /// Distances between the centres of cells, mm, on a grid that holds all of the patient; `None` for a scan of air.
-fn head_field(ct: &Volume<f32, Ct>, beyond_mm: f64) -> Result<Option<Volume<f32, Ct>>, ImageError> {
+fn head_field(
+    (ct, approach): (&Volume<f32, Ct>, &Vector3<f64>),
+    beyond_mm: f64,
+) -> Result<Option<Volume<f32, Ct>>, ImageError> {
     let Some(cells) = Cells::of(ct) else { return Ok(None) };
-    let Some(mask) = cells.solid().extended(beyond_mm) else { return Ok(None) };
+    let Some(mask) = cells.solid().extended(beyond_mm, approach) else { return Ok(None) };
     distance_only(&mask)
 }
 
@@ -190,19 +195,55 @@ impl Cells {
         piece
     }
 
-    /// The mask with its border repeated beyond it.
-    fn extended(&self, beyond_mm: f64) -> Option<Volume<bool, Ct>> {
+    /// The mask with its border repeated beyond it, where the approach does not lead out.
+    fn extended(&self, beyond_mm: f64, approach: &Vector3<f64>) -> Option<Volume<bool, Ct>> {
         let (dims, spacing) = (self.grid.dims(), self.grid.spacing_mm());
-        let more: [usize; 3] = std::array::from_fn(|k| (beyond_mm / spacing[k]).ceil() as usize);
-        let first = self.grid.at(std::array::from_fn(|k| -(more[k] as f64)));
-        let counts = std::array::from_fn(|k| dims[k] + 2 * more[k]);
+        let out: [f64; 3] = std::array::from_fn(|k| self.grid.axes().column(k).dot(approach));
+        let more = |k: usize, out: f64| if out > OPEN { 0 } else { (beyond_mm / spacing[k]).ceil() as usize };
+        let before: [usize; 3] = std::array::from_fn(|k| more(k, -out[k]));
+        let first = self.grid.at(std::array::from_fn(|k| -(before[k] as f64)));
+        let counts = std::array::from_fn(|k| before[k] + dims[k] + more(k, out[k]));
         let grid = Grid::new(counts, spacing, *self.grid.axes(), first.coords).ok()?;
         let held = |n: usize| {
             let voxel = grid.voxel(n);
-            let within = std::array::from_fn(|k| voxel[k].saturating_sub(more[k]).min(dims[k] - 1));
+            let within = std::array::from_fn(|k| voxel[k].saturating_sub(before[k]).min(dims[k] - 1));
             self.tissue[self.grid.index(within)]
         };
         let mask: Vec<bool> = (0..grid.len()).into_par_iter().map(held).collect();
         Volume::new(grid, mask).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tissue_goes_on_beyond_the_scan_but_not_where_the_tool_comes_in() {
+        // 20 mm of tissue from border to border, turned about z
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
+        let grid =
+            Grid::<Ct>::new([8; 3], Vector3::repeat(2.5), turn.into_inner(), Vector3::zeros()).unwrap();
+        let ct = Volume::new(grid.clone(), vec![40.0; grid.len()]).unwrap();
+        let middle = grid.at([3.5; 3]);
+        let base_from_ct = Rigid::<Base, Ct>::identity();
+        for (approach, open) in [
+            (turn * Vector3::x(), [true, false, false]),
+            // 45 degrees between two faces: both are open
+            (turn * Vector3::new(1.0, 0.0, 1.0).normalize(), [true, false, true]),
+        ] {
+            let field = head_field((&ct, &approach), 50.0).unwrap().unwrap();
+            let head = Obstacle { name: String::new(), shape: Shape::Head(Head::new(field, &base_from_ct)) };
+            let at = |way: Vector3<f64>| {
+                let p = middle + turn * way;
+                head.at_least_mm(&Point::<Base>::from_coords(p.coords), f64::INFINITY)
+            };
+            for (k, is_open) in open.into_iter().enumerate() {
+                let way = Vector3::ith(k, 40.0);
+                // 30 mm beyond the face
+                assert_eq!(at(way) > 20.0, is_open, "{k}: {}", at(way));
+                assert!(at(-way) <= 0.0, "{k}: {}", at(-way));
+            }
+        }
     }
 }

@@ -52,7 +52,7 @@ impl Setup {
         let registered = registration(&case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, case.burr.radius_mm)
             .map_err(|error| registered.blame(case, error))?;
-        let room = room::room(case, &arm, &images.ct.volume, &registered.base_from_ct)?;
+        let room = room::room(case, &arm, (&images.ct.volume, &scene.approach), &registered.base_from_ct)?;
         let mut warnings = images.warnings;
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(case, &arm));

@@ -1,7 +1,7 @@
 //! The patient's tissue on a lattice of its own, and the distance of a point from it.
 //!
 //! A lattice point is tissue if the CT's nearest voxel is above [`TISSUE_HU`]; beyond the scan the nearest voxel of its edge
-//! counts, up to a given distance. Pieces smaller than [`SPECK_MM3`] are left out. Distances are between lattice points.
+//! counts, up to a given distance, but not beyond a face whose way out is within 60° of the approach. Pieces smaller than [`SPECK_MM3`] are left out. Distances are between lattice points.
 
 use bonemill_geometry::{Ct, Grid, Volume};
 use nalgebra::Vector3;
@@ -12,6 +12,8 @@ use super::edt::squared_voxels;
 const TISSUE_HU: f32 = -300.0;
 /// Spacing of the lattice, mm.
 const LATTICE_MM: f64 = 2.5;
+/// Faces whose way out has more than this in common with the approach have nothing beyond them: cos 60°.
+const OPEN: f64 = 0.5;
 /// Smaller pieces are noise, mm³.
 const SPECK_MM3: f64 = 500.0;
 
@@ -23,7 +25,7 @@ pub(crate) struct Tissue {
 
 impl Tissue {
     /// Of a scan; `None` where it holds none.
-    pub fn of(ct: &Volume<f32, Ct>, beyond_mm: f64) -> Option<Self> {
+    pub fn of(ct: &Volume<f32, Ct>, beyond_mm: f64, approach: &Vector3<f64>) -> Option<Self> {
         let scan = ct.grid();
         let sides = Vector3::from_fn(|k, _| scan.dims()[k] as f64 * scan.spacing_mm()[k]);
         let dims = std::array::from_fn(|k| ((sides[k] + 2.0 * beyond_mm) / LATTICE_MM).ceil() as usize + 1);
@@ -36,7 +38,11 @@ impl Tissue {
             let place = scan.continuous_index(grid.center(grid.voxel(n)));
             let voxel =
                 std::array::from_fn(|k| place[k].round().clamp(0.0, scan.dims()[k] as f64 - 1.0) as usize);
-            ct.data()[scan.index(voxel)] > TISSUE_HU
+            let is_open = (0..3).any(|k| {
+                let past = place[k] - voxel[k] as f64;
+                past.abs() > 0.5 && past.signum() * scan.axes().column(k).dot(approach) > OPEN
+            });
+            !is_open && ct.data()[scan.index(voxel)] > TISSUE_HU
         };
         let mut tissue: Vec<bool> = (0..grid.len()).map(is_tissue).collect();
         drop_specks(&grid, &mut tissue);
@@ -95,5 +101,28 @@ fn drop_specks(grid: &Grid<Ct>, tissue: &mut [bool]) {
     }
     for (is, piece) in tissue.iter_mut().zip(&piece_of) {
         *is = *is && sizes[*piece as usize] >= least;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tissue_goes_on_beyond_the_scan_but_for_the_faces_toward_the_approach() {
+        let axes = nalgebra::Matrix3::identity();
+        let grid = Grid::<Ct>::new([10; 3], Vector3::repeat(2.0), axes, Vector3::zeros()).unwrap();
+        let ct = Volume::new(grid.clone(), vec![0.0; grid.len()]).unwrap();
+        let middle = Vector3::repeat(9.0);
+        let found = |approach: Vector3<f64>, way: Vector3<f64>| {
+            Tissue::of(&ct, 40.0, &approach).unwrap().distance_mm(&(middle + way))
+        };
+        // 20 mm beyond a face
+        let way = Vector3::x() * 30.0;
+        assert!((found(Vector3::x(), way) - 20.0).abs() < 2.5);
+        assert!(found(-Vector3::x(), way) < 2.5);
+        assert!(found(Vector3::new(0.8, 0.6, 0.0), way) > 17.0);
+        assert!(found(Vector3::new(0.4, 0.9, 0.1).normalize(), way) < 2.5);
+        assert!((found(Vector3::new(0.4, 0.9, 0.1).normalize(), Vector3::y() * 30.0) - 20.0).abs() < 2.5);
     }
 }

@@ -78,7 +78,8 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
         );
     }
     if case.robot.room.head == HeadSource::Scan
-        && let Some(tissue) = Tissue::of(&anatomy.ct, case.robot.room.head_beyond_mm)
+        && let Some(tissue) =
+            Tissue::of(&anatomy.ct, case.robot.room.head_beyond_mm, &plan.record.frames.approach_direction)
     {
         let ct_from_base = base_from_ct.inverse();
         let to_tissue = rows.par_iter().map(|row| {

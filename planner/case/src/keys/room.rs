@@ -8,7 +8,7 @@ table! {
         LINK_CLEARANCE = "robot.link_clearance_mm" Mm 0.0..500.0, Derived("10 with a UR named by robot.model; else none, and links are not checked"),
             "least distance of the arm's links from the patient, from every [[obstacle]] and from each other, and of the handpiece from obstacles and links; postures below it are not taken, and more distance is preferred up to four times as much", ASSUMED;
         HEAD_BEYOND = "robot.head_beyond_mm" Mm 0.0..500.0, Value(100.0),
-            "with head = \"scan\": tissue in the outermost layer of the scan is taken to go on so far beyond it", ASSUMED;
+            "with head = \"scan\": tissue in the outermost layer of the scan is taken to go on so far beyond it, but not beyond a face whose way out is within 60° of the approach: the tool comes in there", ASSUMED;
         OBSTACLE_BOX_MIN = "obstacle.box.min_mm" Mm -1e4..1e4, Words(REQUIRED), "lower corner; sides are along the frame's axes", "-";
         OBSTACLE_BOX_MAX = "obstacle.box.max_mm" Mm -1e4..1e4, Words(REQUIRED), "upper corner", "-";
         OBSTACLE_BALL_CENTER = "obstacle.ball.center_mm" Mm -1e4..1e4, Words(REQUIRED), "centre", "-";

@@ -5,9 +5,8 @@ use bonemill_verify::Short;
 use super::{Comparison, lines};
 
 /// Group and name of a figure, what it is in words, and its factor; `*` stands for the structure that is most important.
-const FIGURES: [(&str, &str, &str, f64); 18] = [
+const FIGURES: [(&str, &str, &str, f64); 15] = [
     ("rest", "removed_share", "target removed, %", 100.0),
-    ("rest", "reached_share", "removed of what the burr can reach, %", 100.0),
     ("volumes", "removed_bone_mm3", "bone removed, mm³", 1.0),
     (
         "volumes",
@@ -16,7 +15,6 @@ const FIGURES: [(&str, &str, &str, f64); 18] = [
         1.0,
     ),
     ("times", "total_time_s", "time, s", 1.0),
-    ("path", "cut_length_mm", "length of cuts, mm", 1.0),
     ("forces", "mean_force_n", "mean force, N", 1.0),
     ("forces", "peak_force_n", "peak force, N", 1.0),
     ("forces", "peak_thrust_n", "peak thrust, N", 1.0),
@@ -31,7 +29,6 @@ const FIGURES: [(&str, &str, &str, f64); 18] = [
         1.0,
     ),
     ("forces", "compared.straight.near.*.peak_force_toward_n", "    peak", 1.0),
-    ("forces", "compared.straight.mean_force_n", "    mean force, N", 1.0),
     ("rest", "kept.*.clearance_mm", "least distance of the tool's surface from *, mm", 1.0),
     ("rest", "kept.*.touch_probability", "probability of touching *", 1.0),
 ];
