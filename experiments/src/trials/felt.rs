@@ -115,7 +115,9 @@ pub(super) fn rows(name: &str, plan: &Plan) -> Vec<Row> {
         plan: figures(&compared.plan, n),
         total_s: plan.moves.law.duration_s(),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
-        falls_short: !plan.shortfalls.is_empty(),
+        // a time that the case does not give is missed with a warning
+        falls_short: !plan.shortfalls.is_empty()
+            || plan.warnings.iter().any(|said| said.contains("cannot be met")),
     };
     let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
     structures.map(row).filter(is_near).collect()

@@ -46,6 +46,9 @@ const APART_WITH_EDGES: f64 = 0.01;
 /// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
 /// known as finely.
 const AS_LARGE: f64 = 0.9;
+/// So many are looked at so, one after the other, and where edges push without a chip, which differ from sum to sum.
+const LOOKED_AT: usize = 1;
+const LOOKED_AT_WITH_EDGES: usize = 4;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm, and the steps to the middle of the others ..
@@ -269,10 +272,12 @@ impl ForcedPath<'_> {
         (ends, within): (&[Option<EngagedForce>], &mut [Vec<ForceWithin>]),
     ) -> Result<(), PlanError> {
         let fine = FineForce::new(case)?;
+        let looks = if sampled::has_edges(case) { LOOKED_AT_WITH_EDGES } else { LOOKED_AT };
         let of_move = |(i, places): (usize, &mut Vec<ForceWithin>)| {
             let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
             let mut is_fine: Vec<bool> = places.iter().map(|place| place.at == 0.0).collect();
-            for near in near[i].iter().map(Some).chain([None]) {
+            let each = near[i].iter().map(Some).chain([None]);
+            for near in each.flat_map(|near| std::iter::repeat_n(near, looks)) {
                 let along = |n: &Vector3<f64>, at| near.map_or_else(|| n.norm(), |near| near.most(n, at));
                 let size =
                     |at: f64, force: &EngagedForce| along(&pushes(force), at).max(along(&force.edge_n, at));

@@ -130,7 +130,7 @@ pub fn search(setup: &Setup, patch: Patch) -> Result<Standing, PlanError> {
         return fault(format!("robot.model = {:?}: expected a UR, e.g. \"ur5e\"", case.robot.model));
     }
     let is_box = (0..3).all(|k| patch.from_mm[k] <= patch.to_mm[k]);
-    if !is_box || !(patch.step_mm.is_finite() && patch.step_mm > 0.0) {
+    if !(is_box && patch.step_mm.is_finite() && patch.step_mm > 0.0) {
         return fault("expected a patch whose ends ascend along x, y and z, and a step above 0 mm".into());
     }
     let extent = (patch.to_mm - patch.from_mm) / patch.step_mm;
