@@ -62,10 +62,7 @@ impl Args {
 
 /// A usage error without the tip to pass an unknown option as a value, which would be taken for a file.
 fn without_wrong_tip(mut error: clap::Error) -> clap::Error {
-    let is_wrong = |value: &ContextValue| match value {
-        ContextValue::StyledStrs(tips) => tips.iter().any(|tip| tip.to_string().starts_with("to pass ")),
-        _ => false,
-    };
+    let is_wrong = |value: &ContextValue| matches!(value, ContextValue::StyledStrs(tips) if tips.iter().any(|tip| tip.to_string().starts_with("to pass ")));
     if error.get(ContextKind::Suggested).is_some_and(is_wrong) {
         error.remove(ContextKind::Suggested);
     }
@@ -206,6 +203,9 @@ pub struct PlanArgs {
     /// Leave slices of the CT out of report.html, so that the page can go where the scan may not
     #[arg(long)]
     pub no_slices: bool,
+    /// Plan at this level, whatever the case says of grid, step and accuracy; the changed case is kept in the plan
+    #[arg(long, value_name = "LEVEL", value_parser = ["coarse", "default", "fine"], conflicts_with = "pack")]
+    pub accuracy: Option<String>,
 }
 
 /// Lengths are in ct (RAS+: +x right, +y front, +z toward the head) from the target's centre.

@@ -8,9 +8,9 @@ use bonemill_geometry::Stage;
 use bonemill_imaging::PHANTOM_CASE_FILE;
 use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::Progress;
-use bonemill_planner::case::Case;
+use bonemill_planner::case::{Case, with_values};
 use bonemill_planner::pipeline::place;
-use bonemill_planner::plan::{Replace, StagedDirectory};
+use bonemill_planner::plan::{KEPT, Replace, StagedDirectory, relative_path};
 use bonemill_planner::report::CtSlices;
 use bonemill_planner::stages;
 
@@ -35,6 +35,10 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
         None => make_phantom(args, &staged, progress)?,
     };
     spare_inputs(&case, &case_path, &staged)?;
+    let (case, case_path) = match &args.accuracy {
+        Some(level) => at_level(level, &case, &case_path, &staged)?,
+        None => (case, case_path),
+    };
     // a phantom's files are in the plan anyway
     let pack = args.pack && args.phantom.is_none();
     let ct_slices = if args.no_slices { CtSlices::LeftOut } else { CtSlices::Shown };
@@ -72,6 +76,36 @@ fn make_phantom(
     phantom::write_into(&dir, kind, args.seed, progress)?;
     let case_path = dir.join(PHANTOM_CASE_FILE);
     Ok((read_case(&case_path)?, case_path))
+}
+
+/// The case at a level of accuracy, as a file of the plan's own: what a plan was made from is a file.
+fn at_level(
+    level: &str,
+    case: &Case,
+    case_path: &Path,
+    staged: &StagedDirectory,
+) -> anyhow::Result<(Case, PathBuf)> {
+    let text = fs::read_to_string(case_path)
+        .with_context(|| format!("cannot read the case {}", case_path.display()))?;
+    // what a level decides, it decides where nothing else is given
+    let decided = ["grid.spacing_mm", "path.step_mm", "accuracy"].map(|key| (key.to_owned(), None));
+    let mut values: Vec<(String, Option<String>)> = decided.into();
+    values.push(("accuracy.level".into(), Some(format!("\"{level}\""))));
+    let path = if case_path.starts_with(staged.path()) {
+        case_path.to_owned()
+    } else {
+        let folder = staged.path().join(KEPT);
+        fs::create_dir(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        let home = case_path.parent().unwrap_or(Path::new(""));
+        for (key, file) in case.files() {
+            let named = relative_path(&folder, &home.join(file))?;
+            values.push((key, Some(serde_json::Value::from(named.to_string_lossy()).to_string())));
+        }
+        folder.join(case_path.file_name().unwrap_or_default())
+    };
+    let text = with_values(&text, case_path, &values)?;
+    fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok((Case::parse(&text, &path)?, path))
 }
 
 /// Refuses to replace a directory that contains the new plan's own inputs.

@@ -118,3 +118,33 @@ fn a_level_sets_what_the_case_leaves_out_and_verify_accepts_a_preview() {
     let unknown = place.with_case("level = \"coarse\"", "level = \"rough\"");
     unknown.refuses(&["accuracy.level", "rough", "`default` or `coarse` or `fine`"]);
 }
+
+#[test]
+fn a_level_on_the_command_line_is_a_case_of_its_own_in_the_plan() {
+    let place = Place::healthy().with_case("spacing_mm = 0.5", "spacing_mm = 0.4");
+    let before = std::fs::read(place.path("case.toml")).unwrap();
+    let ran = place.run(&["plan", "case.toml", "--accuracy", "coarse", "--out", "preview"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let preview = StoredPlan::load(&place.path("preview")).unwrap();
+    assert_eq!(preview.record.case.accuracy.level, Level::Coarse);
+    // grid and step are the level's, though the case gives them
+    assert_eq!(preview.record.case.grid.spacing_mm, 0.5);
+    assert_eq!(std::fs::read(place.path("case.toml")).unwrap(), before);
+    assert_eq!(preview.record.case_file, std::path::Path::new("inputs/case.toml"));
+    let ran = place.run(&["verify", "preview"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    // the same as a case that says so, from any folder
+    let same = Place::healthy();
+    let text = String::from_utf8(before).unwrap();
+    let kept = text.lines().filter(|l| !l.starts_with("spacing_mm") && !l.starts_with("step_mm"));
+    let text = kept.collect::<Vec<_>>().join("\n") + "\n[accuracy]\nlevel = \"coarse\"\n";
+    std::fs::write(same.path("case.toml"), text).unwrap();
+    assert_eq!(same.plan().code, 0);
+    for file in ["waypoints.csv", "trajectory.csv"] {
+        let [a, b] =
+            [place.path("preview"), same.path("plan")].map(|dir| std::fs::read(dir.join(file)).unwrap());
+        assert!(a == b, "{file}");
+    }
+    let ran = place.run(&["plan", "case.toml", "--accuracy", "rough", "--out", "other"]);
+    assert!(ran.code == 2 && ran.err.contains("[possible values: coarse, default, fine]"), "{}", ran.err);
+}

@@ -65,10 +65,8 @@ impl Case {
         self.case.to_toml()
     }
 
-    /// Keys and paths of the files that the case names: CT, labels, and those of the arm.
-    fn files(&self) -> Vec<(&'static str, PathBuf)> {
-        let images = &self.case.images;
-        let images = [("images.ct", images.ct.as_path()), ("images.labels", &images.labels)];
-        images.into_iter().chain(self.case.robot.files()).map(|(key, path)| (key, path.to_owned())).collect()
+    /// Keys and paths of the files that the case names.
+    fn files(&self) -> Vec<(String, PathBuf)> {
+        self.case.files().into_iter().map(|(key, path)| (key, path.to_owned())).collect()
     }
 }

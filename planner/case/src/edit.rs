@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use super::suggest::nearest;
-use super::{CaseError, CaseFault, Located, keys};
+use super::{Case, CaseError, CaseFault, LabelRef, Located, keys};
 
 /// The text of a case with keys set to new values, written as TOML, or taken out (`None`). A structure's keys are
 /// `structure.NAME.KEY`. Only what stands in the text is written: defaults stay defaults. Comments are lost.
@@ -38,6 +38,19 @@ pub fn with_values(
         }
     }
     if faults.is_empty() { Ok(root.to_string()) } else { Err(fail(faults)) }
+}
+
+impl Case {
+    /// Every file that the case names, relative to its folder, with the key under which [`with_values`] sets it.
+    pub fn files(&self) -> Vec<(String, &Path)> {
+        let images = [("images.ct", self.images.ct.as_path()), ("images.labels", &self.images.labels)];
+        let named = images.into_iter().chain(self.robot.files()).chain(self.tool.files());
+        let masks = self.structures.iter().filter_map(|structure| {
+            let LabelRef::File(path) = &structure.label else { return None };
+            Some((format!("structure.{}.file", structure.name), path.as_path()))
+        });
+        named.map(|(key, path)| (key.to_owned(), path)).chain(masks).collect()
+    }
 }
 
 fn set(root: &mut Table, key: &str, value: Option<Value>) -> Result<(), CaseFault> {
@@ -96,7 +109,6 @@ fn place(table: &mut Table, key: &str, value: Option<Value>) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Case;
 
     const TEXT: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[burr]\nradius_mm = 2.0\n\
         [[structure]]\nname = \"nerve\"\nlabel = 2\nclearance_mm = 1.25\n[[structure]]\nname = \"sinus.1\"\nlabel = 3\n";

@@ -384,9 +384,9 @@ table! {
             "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√rank (priority over the smallest), then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "forces toward structures, see docs/results.md; mass: D eq. 13";
     }
     others {
-        CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT in HU: NIfTI-1, NRRD, MetaImage, or a folder with a DICOM series", "-";
+        CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT in HU: NIfTI, NRRD, MetaImage, or a folder with a DICOM series", "-";
         CT_SERIES = "images.ct_series" "a SeriesInstanceUID", "none: the folder has one series", "which series, where images.ct is a folder with several", "-";
-        LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map: NIfTI-1, NRRD, MetaImage, 3D Slicer's .seg.nrrd, DICOM SEG, or a folder with one mask per structure", "-";
+        LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map: NIfTI, NRRD, MetaImage, 3D Slicer's .seg.nrrd, DICOM SEG, or a folder with one mask per structure", "-";
         TARGET_LABEL = "target.label" "a number from 1 to 65535 or a name of labels.json", "exactly one of label, box, ball, frustum", "the bone to be removed", "-";
         TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box, less every structure and its clearance_mm", "-";
         TARGET_BALL = "target.ball" "a table { center_mm, radius_mm }", "exactly one of label, box, ball, frustum", "the same in a ball", "-";

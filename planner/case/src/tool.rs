@@ -71,15 +71,15 @@ impl ToolSpec {
         k::KIND.word(self.kind())
     }
 
-    /// The files that describe it, relative to the case file.
-    pub fn files(&self) -> impl Iterator<Item = &Path> {
+    /// Keys and paths of the files that describe it, relative to the case file.
+    pub fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let mesh = match self {
             Self::Mesh(mesh, _) => Some(mesh),
             Self::Burr | Self::Drill(..) | Self::Reamer(..) => None,
         };
         mesh.into_iter()
-            .flat_map(|mesh| [Some(&mesh.stl), mesh.edges.as_ref()].into_iter().flatten())
-            .map(PathBuf::as_path)
+            .flat_map(|mesh| [("mesh.stl", Some(&mesh.stl)), ("mesh.edges", mesh.edges.as_ref())])
+            .filter_map(|(key, path)| Some((key, path?.as_path())))
     }
 
     /// How it turns; a burr's own values stand in its table.

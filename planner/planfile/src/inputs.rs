@@ -14,7 +14,7 @@ use super::error::MissingInput;
 use super::{Input, PlanFileError, PlanRecord, Sha256, StagedDirectory};
 
 /// The folder in a plan that keeps copies of its inputs.
-const KEPT: &str = "inputs";
+pub const KEPT: &str = "inputs";
 /// Name of the copy of the case file in every plan.
 pub const CASE_COPY: &str = "case.toml";
 

@@ -47,7 +47,7 @@ pub use forces::{FORCES, ForceToward, read_forces, write_forces};
 pub use gaps::{Gap, least_gaps};
 pub use hash::Sha256;
 pub use holds::{HoldPoint, hold_points};
-pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
+pub use inputs::{CASE_COPY, FoundInputs, KEPT, Need, copy_input, pack_inputs};
 pub use plunge::{PLUNGE, PlungeRow, plunge_text};
 pub use record::{Input, Metrics, PlanFrames, PlanRecord, PlanningGrid};
 pub use stored::StoredPlan;

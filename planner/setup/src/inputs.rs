@@ -72,8 +72,7 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
     ];
     paths.extend(ct.iter().chain(&labels).chain(&images.mask_files).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
-    paths.extend(case.robot.files().map(|(_, path)| path));
-    paths.extend(case.tool.files());
+    paths.extend(case.robot.files().chain(case.tool.files()).map(|(_, path)| path));
     let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
     let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
     Ok((images, files))
