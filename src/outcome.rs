@@ -77,7 +77,7 @@ impl Outcome {
             m.target_mm3,
             share("removed_share"),
             m.reachable_mm3,
-            m.number("reached_share").unwrap_or(0.0) * m.reachable_mm3,
+            m.number_at(&["removed_reachable", "all_mm3"]).unwrap_or(0.0),
             share("reached_share"),
             m.total_time_s
         );

@@ -58,7 +58,8 @@ fn expected_stages(phantom: Option<PhantomKind>, case: Option<&Case>) -> Vec<Sta
     [drawn, planned, &[stages::WRITE_FILES]].concat()
 }
 
-fn read_case(path: &Path) -> anyhow::Result<Case> {
+/// A case from its file.
+pub fn read_case(path: &Path) -> anyhow::Result<Case> {
     let text =
         fs::read_to_string(path).with_context(|| format!("cannot read the case {}", path.display()))?;
     Ok(Case::parse(&text, path)?)

@@ -1,11 +1,10 @@
 //! `bonemill stand`: searches where a UR may stand beside the patient.
 
 use std::ffi::OsStr;
-use std::fs;
 use std::path::Path;
 
 use anyhow::Context;
-use bonemill_planner::case::{Case, Registration};
+use bonemill_planner::case::Registration;
 use bonemill_planner::pages::stand::map;
 use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::replace;
@@ -16,6 +15,7 @@ use serde_json::json;
 
 use crate::args::StandArgs;
 use crate::outcome::Outcome;
+use crate::plan::read_case;
 
 /// How many of the reasons why places do not fit are told.
 const REASONS: usize = 3;
@@ -24,9 +24,7 @@ pub fn run(args: &StandArgs, progress: &dyn Progress) -> anyhow::Result<Outcome>
     let patch = patch(args)?;
     let map_name = args.map.as_deref().map(named).transpose()?;
     progress.expect(stages::STAND);
-    let text = fs::read_to_string(&args.case)
-        .with_context(|| format!("cannot read the case {}", args.case.display()))?;
-    let mut case = Case::parse(&text, &args.case)?;
+    let mut case = read_case(&args.case)?;
     case.robot.base_from_ct = Registration::Assumed;
     let refused = |error| Refused::new(error, &case, &args.case);
     let mut watch = Stopwatch::new(progress);

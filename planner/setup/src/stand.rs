@@ -125,7 +125,7 @@ impl Standing {
 /// [`PlanError::CannotStand`] for an arm that is no UR, for a patch that is none or has more than [`MOST_PLACES`].
 pub fn search(setup: &Setup, patch: Patch) -> Result<Standing, PlanError> {
     let fault = |reason: String| Err(PlanError::CannotStand { reason });
-    let Setup { case, scene, arm, .. } = setup;
+    let Setup { case, arm, .. } = setup;
     if arm.kind() != ArmKind::Ur {
         return fault(format!("robot.model = {:?}: expected a UR, e.g. \"ur5e\"", case.robot.model));
     }
@@ -140,45 +140,38 @@ pub fn search(setup: &Setup, patch: Patch) -> Result<Standing, PlanError> {
             "{count} places, at most {MOST_PLACES} are tried: widen the step, or narrow the patch"
         ));
     }
-    let mut standing = None;
-    for tilts in [true, false] {
-        let path = poses(case, scene, tilts);
-        let found = tried(setup, patch, &path, tilts);
-        let fits = found.best.is_some();
-        standing = Some(found);
-        if fits {
-            break;
-        }
-    }
-    standing.ok_or_else(|| PlanError::CannotStand { reason: "nothing was tried".into() })
+    let tilted = tried(setup, patch, true);
+    Ok(if tilted.best.is_some() { tilted } else { tried(setup, patch, false) })
 }
 
-/// The whole patch along one path.
-fn tried(setup: &Setup, patch: Patch, path: &[CtPose], tilts: bool) -> Standing {
-    let count = patch.counts().iter().product();
+/// The whole patch along the poses of a case, with the shaft's tilts or without.
+fn tried(setup: &Setup, patch: Patch, tilts: bool) -> Standing {
+    let path = poses(&setup.case, &setup.scene, tilts);
+    let count: usize = patch.counts().iter().product();
     let at = |n: usize| {
         cancel::poll();
-        let at_mm = patch.place_mm(n);
-        let fault = follow(setup, &base_from_ct(setup, &patch, at_mm), path).err();
-        Tried { at_mm, fault, tolerance_mm: 0.0 }
+        follow(setup, &base_from_ct(setup, &patch, patch.place_mm(n)), &path)
     };
-    let mut places: Vec<Tried> = (0..count).into_par_iter().map(at).collect();
-    let tolerances = tolerances_mm(&patch, &places.iter().map(|p| p.fault.is_none()).collect::<Vec<_>>());
-    places.iter_mut().zip(tolerances).for_each(|(place, mm)| place.tolerance_mm = mm);
+    let found: Vec<_> = (0..count).into_par_iter().map(at).collect();
+    let tolerances = tolerances_mm(&patch, &found.iter().map(Result::is_ok).collect::<Vec<_>>());
     // of the most tolerant places the one whose links are farthest from anything, the first of equal ones
-    let most_mm = places.iter().map(|place| place.tolerance_mm).fold(0.0, f64::max);
-    let best = (0..count).filter(|n| places[*n].fault.is_none() && places[*n].tolerance_mm >= most_mm);
-    let best: Vec<BestPlace> = best
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .filter_map(|place| {
-            let base_from_ct = base_from_ct(setup, &patch, places[place].at_mm);
-            let links = follow(setup, &base_from_ct, path).ok()?;
-            Some(BestPlace { place, base_from_ct, links })
-        })
-        .collect();
-    let distance_mm = |best: &BestPlace| best.links.as_ref().map_or(0.0, |(mm, _)| *mm);
-    let best = best.into_iter().min_by(|a, b| distance_mm(b).total_cmp(&distance_mm(a)));
+    let most_mm = tolerances.iter().copied().fold(0.0, f64::max);
+    let fits = found.iter().enumerate().filter_map(|(n, links)| Some((n, links.as_ref().ok()?)));
+    let distance_mm = |links: &Links| links.as_ref().map_or(0.0, |(mm, _)| *mm);
+    let best = fits
+        .filter(|(n, _)| tolerances[*n] >= most_mm)
+        .min_by(|(_, a), (_, b)| distance_mm(b).total_cmp(&distance_mm(a)));
+    let best = best.map(|(place, links)| BestPlace {
+        place,
+        base_from_ct: base_from_ct(setup, &patch, patch.place_mm(place)),
+        links: links.clone(),
+    });
+    let place = |(n, (links, tolerance_mm)): (usize, (Result<_, _>, f64))| Tried {
+        at_mm: patch.place_mm(n),
+        fault: links.err(),
+        tolerance_mm,
+    };
+    let places = found.into_iter().zip(tolerances).enumerate().map(place).collect();
     Standing { patch, places, tilts, best }
 }
 
@@ -195,6 +188,8 @@ fn base_from_ct(setup: &Setup, patch: &Patch, at_mm: Vector3<f64>) -> Rigid<Base
     Rigid::new(rotation, -(rotation * (target + at_mm)))
 }
 
+/// The least distance of the links, mm, and what is near; none where they are held against nothing.
+type Links = Option<(f64, String)>;
 /// A pose of the burr in ct.
 type CtPose = (Point<Ct>, Unit<Vector3<f64>>);
 
@@ -235,11 +230,7 @@ fn poses(case: &Case, scene: &Scene, tilts: bool) -> Vec<CtPose> {
 }
 
 /// The least distance of the links along the poses, mm, and what is near, with the base at a place; or why the arm cannot follow them.
-fn follow(
-    setup: &Setup,
-    base_from_ct: &Rigid<Base, Ct>,
-    path: &[CtPose],
-) -> Result<Option<(f64, String)>, String> {
+fn follow(setup: &Setup, base_from_ct: &Rigid<Base, Ct>, path: &[CtPose]) -> Result<Links, String> {
     let Setup { case, arm, .. } = setup;
     let room: Option<Room> = setup.room.as_ref().map(|room| room::seen_from(case, room, base_from_ct));
     let in_base = |axis: &Unit<Vector3<f64>>| Unit::new_normalize(base_from_ct.rotate(axis));
