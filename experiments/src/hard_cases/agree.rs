@@ -1,7 +1,7 @@
 //! Random bodies under random keys: plan, verify and simulate must agree, and so must a twin that is the same case written otherwise.
 //!
 //! A case is a random body and, for each of [`KEYS`], a choice, of which 0 leaves the key out. It is planned, read back, verified and
-//! simulated, and its export and report are read back. Then a twin is planned: the same images stored backwards, elsewhere or with other axes first,
+//! simulated, and its export and report are read back. Then a twin is planned: the same images stored backwards, elsewhere, turned or with other axes first,
 //! labels in smaller voxels, all priorities times three, or a structure in two parts. Where two of these disagree, the case is made simpler as long as they still do.
 
 use std::sync::Arc;
@@ -9,6 +9,7 @@ use std::sync::Arc;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{ForceToward, StoredPlan};
 use bonemill_planner::simulate::{ModelName, Sampling, simulate};
+use nalgebra::{Matrix3, Rotation3};
 use rayon::prelude::*;
 
 use super::keys::{Choices, Keys};
@@ -52,6 +53,48 @@ const KEYS: [Choices; COUNT] = [
     &[("[images]", "preset = \"paper\"\n[images]")],
 ];
 
+/// Keys of the cost's objective and of the arm among them.
+const OBJECTIVE: usize = 4;
+const ARM: usize = 6;
+
+/// What takes the arm's place from [`WITH_ARMS`] on: other arms and mounts, two angles, the deflection.
+const ARMS: [Edits; 7] = [
+    &[],
+    &[(
+        "[robot]",
+        "[robot]\nmodel = \"ur3e\"\nflange_from_burr = { translation_mm = [0, 0, 160], rpy_rad = [3.141592653589793, 0, 0] }",
+    )],
+    &[(
+        "[robot]",
+        "[robot]\nmodel = \"ur10e\"\nflange_from_burr = { translation_mm = [0, -90, 155], rpy_rad = [2.618, 0, 0] }",
+    )],
+    &[
+        (
+            "[robot]",
+            "[robot]\nmodel = \"ur5e\"\nflange_from_burr = { translation_mm = [0, -90, 155], rpy_rad = [2.618, 0, 0] }",
+        ),
+        ("[orientation]", "[orientation]\nangles = 2"),
+    ],
+    &[
+        (
+            "[robot]",
+            "[robot]\nmodel = \"ur10e\"\nflange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }",
+        ),
+        ("[orientation]", "[orientation]\nangles = 2"),
+    ],
+    &[
+        ("[robot]", "[robot]\njoint_stiffness = [200, 150, 250, 300000]"),
+        ("[path]", "[cost]\nforce = \"deflection\"\n\n[path]"),
+    ],
+    &[("[robot]", "[robot]\nvelocity_limits = [3, 3, 3, 0.3]\nacceleration_limits = [40, 40, 40, 2]")],
+];
+
+/// That with the deflection.
+const DEFLECTION: u8 = 5;
+
+/// Lines of a case, and what takes their place.
+type Edits = &'static [(&'static str, &'static str)];
+
 /// Those of them that choose by sums over structures: orientation's mode, the cost's objective, the preset.
 const BY_SUMS: [usize; 3] = [0, 4, 8];
 
@@ -70,6 +113,8 @@ const SPLIT: u8 = 8;
 const VEIN: u8 = 9;
 /// From this number on cases have more beside the body, and more ways to be written otherwise.
 const WITH_MORE: u64 = 1000;
+/// From this number on they have other arms, and bodies that are turned.
+const WITH_ARMS: u64 = 2000;
 
 /// A random case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +129,8 @@ struct RandomCase {
     island: u8,
     /// Where the scan ends beside the pocket, in half millimetres; 0 for far away.
     edge: u8,
+    /// Number of its arm in [`ARMS`].
+    arm: u8,
     /// How the case is written otherwise.
     twin: Twin,
 }
@@ -103,11 +150,14 @@ enum Twin {
     Permuted,
     /// Labels in voxels of half the size.
     Finer,
+    /// The body turned in ct, and the registration with it.
+    Turned,
 }
 
 /// What two plans of one case must have in common.
 #[derive(Debug, Clone, PartialEq)]
 struct Figures {
+    /// In the body.
     approach: V,
     removed_mm3: f64,
     /// What is removed of what the burr can reach, mm³.
@@ -122,23 +172,35 @@ impl RandomCase {
     /// The case with this number.
     fn draw(number: u64) -> Self {
         let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
-        let keys = Keys::draw(&KEYS, &mut below);
+        let mut keys = Keys::draw(&KEYS, &mut below);
         // pockets of a few burr's diameters: many cases rather than long ones
         let pocket = [3, 3, 2].map(|half| half + below(3));
         let burr = 10 + below(6);
         let body = RandomBody { pocket, burr, ..RandomBody::draw(number) };
         let mut some = |n: u64| if number < WITH_MORE { 0 } else { below(2) * below(n + 1) };
         let [vein, island, edge] = [some(4), some(4), some(3)];
+        let has_arm = number >= WITH_ARMS;
+        let arm = if has_arm { below(ARMS.len() as u64) } else { 0 };
+        if arm > 0 {
+            // one arm, and one table of the cost
+            keys = keys.without(ARM);
+        }
+        if arm == DEFLECTION {
+            keys = keys.without(OBJECTIVE);
+        }
+        // the place of a UR is assumed, and does not turn with the patient
+        let turns = has_arm && !keys.is_chosen(ARM) && matches!(arm, 0 | 5 | 6) && below(3) == 0;
         let nerve_twins =
             if body.nerve[0] > 0 { [Twin::Priorities, Twin::Parts] } else { [Twin::Mirrored; 2] };
         let twin = match body.turn[0] % 4 {
+            _ if turns => Twin::Turned,
             0 | 1 if number >= WITH_MORE && body.turn[1].is_multiple_of(2) => Twin::Permuted,
             n @ (0 | 1) => nerve_twins[usize::from(n)],
             2 => Twin::Shifted,
             _ if number >= WITH_MORE => Twin::Finer,
             _ => Twin::Mirrored,
         };
-        Self { body, keys, vein, island, edge, twin }
+        Self { body, keys, vein, island, edge, arm, twin }
     }
 
     fn scene(self) -> Scene {
@@ -163,7 +225,26 @@ impl RandomCase {
         if self.edge > 0 {
             scene.half_mm[1] = b + mm(self.edge);
         }
-        scene
+        let arm = ARMS[usize::from(self.arm)].iter();
+        scene = arm.fold(scene, |scene, (from, to)| scene.with(from, *to));
+        if self.twin == Twin::Turned { self.registered(scene) } else { scene }
+    }
+
+    /// A scene with the pocket's middle at the base, which turns with the body.
+    fn registered(self, scene: Scene) -> Scene {
+        let base_from_body =
+            Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
+        let base_from_ct = base_from_body * Rotation3::new(V::from(scene.turn_rad)).inverse();
+        let rows: Vec<Vec<f64>> =
+            base_from_ct.matrix().row_iter().map(|row| row.iter().copied().collect()).collect();
+        let depth_mm = f64::from(self.body.pocket[2]) * 0.5;
+        scene.with(
+            "[robot]",
+            format!(
+                "[robot]\nbase_from_ct = {{ rotation = {rows:?}, translation_mm = [0, 0, {:?}] }}",
+                0.5 * depth_mm
+            ),
+        )
     }
 
     /// The same case written otherwise.
@@ -188,6 +269,13 @@ impl RandomCase {
             Twin::Mirrored => Scene { mirrored: [true, false, true], ..scene },
             Twin::Permuted => Scene { order: [2, 0, 1], ..scene },
             Twin::Finer => Scene { label_split: 2, ..scene },
+            Twin::Turned => {
+                let other = RandomCase {
+                    body: RandomBody { turn: self.body.turn.map(|n| (n + 11) % 32), ..self.body },
+                    ..self
+                };
+                other.scene()
+            }
         }
     }
 
@@ -235,7 +323,12 @@ impl RandomCase {
     /// Cases that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
         let fewer = self.keys.simpler().map(|keys| self.with_keys(keys));
-        let less = [Self { vein: 0, ..self }, Self { island: 0, ..self }, Self { edge: 0, ..self }];
+        let less = [
+            Self { vein: 0, ..self },
+            Self { island: 0, ..self },
+            Self { edge: 0, ..self },
+            Self { arm: 0, ..self },
+        ];
         // a nerve that is written otherwise stays
         let keeps_nerve =
             |body: &RandomBody| body.nerve[0] > 0 || !matches!(self.twin, Twin::Priorities | Twin::Parts);
@@ -274,7 +367,8 @@ fn judged(scene: &Scene) -> (End, Option<Figures>) {
         let metrics = &plan.record.metrics;
         let peak_n = metrics.number("peak_force_n").unwrap_or(f64::NAN);
         figures = Some(Figures {
-            approach: plan.record.frames.approach_direction,
+            approach: Rotation3::new(V::from(scene.turn_rad)).inverse()
+                * plan.record.frames.approach_direction,
             removed_mm3: metrics.removed_mm3,
             removed_reachable_mm3: metrics.number("reached_share").unwrap_or(f64::NAN)
                 * metrics.reachable_mm3,
@@ -349,7 +443,7 @@ const PORTION: usize = 50;
 pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progress) -> Table {
     let numbers: Vec<u64> = numbers.into_iter().collect();
     let title = format!(
-        "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, elsewhere or with another axis first, finer labels, priorities times three, or a structure in two parts)",
+        "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, elsewhere, turned or with another axis first, finer labels, priorities times three, or a structure in two parts)",
         numbers.len()
     );
     let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);

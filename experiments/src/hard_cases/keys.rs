@@ -23,6 +23,12 @@ impl<const N: usize> Keys<N> {
         self.0[key] > 0
     }
 
+    /// The same with a key as it is.
+    pub fn without(mut self, key: usize) -> Self {
+        self.0[key] = 0;
+        self
+    }
+
     /// The same with one key fewer, for each that is not left as it is.
     pub fn simpler(self) -> impl Iterator<Item = Self> {
         (0..N).filter(move |n| self.0[*n] > 0).map(move |n| {

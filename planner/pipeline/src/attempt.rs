@@ -269,7 +269,7 @@ impl<'a> Start<'a> {
         let goal = self.goal(references, straight.as_ref()).filter(|_| mode == OrientationMode::Optimal);
         // figures are forces: they bound no plan that lowers deflections
         let bounds = straight.as_ref().filter(|_| goal.is_some() && case.cost.force == ForceTerm::Cutting);
-        let bounds = bounds.map(|straight| Bounds::of(&straight.reference.forces, controls));
+        let bounds = bounds.map(|straight| Bounds::of(case, &straight.reference.forces, controls));
         let (choices, chosen, motion) = self.axes((&mut prepared, freedom), goal, bounds.as_ref(), watch)?;
         let demand = prepared.demand(&choices, &chosen)?;
         let total_s = references.total_s;

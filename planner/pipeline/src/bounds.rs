@@ -10,7 +10,9 @@
 
 use std::collections::{BTreeMap, HashSet};
 
+use bonemill_case::Case;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed};
+use bonemill_cutting::importance::Importance;
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::armpath::ArmMotion;
 use bonemill_setup::nearest_structures::NearStructure;
@@ -39,13 +41,14 @@ pub(super) struct Bounds {
     /// Mean and largest force in any direction.
     mean_n: f64,
     peak_n: f64,
-    /// Per structure the judged figures near it.
+    /// Per structure the judged figures near it, and its rank in the law of importance.
     near_n: Vec<[f64; JUDGED.len()]>,
+    ranks: Vec<f64>,
 }
 
 impl Bounds {
     /// The whole force of a straight shaft, and the least of its and the controls' figures near structures.
-    pub fn of(straight: &StructureForces, controls: &[Reference]) -> Self {
+    pub fn of(case: &Case, straight: &StructureForces, controls: &[Reference]) -> Self {
         let least = |n: usize, figure: usize| {
             let of = |forces: &StructureForces| {
                 forces.structures.get(n).map_or(0.0, |s| (JUDGED[figure].1)(&s.near))
@@ -54,7 +57,8 @@ impl Bounds {
         };
         let near_n =
             (0..straight.structures.len()).map(|n| [0, 1, 2].map(|figure| least(n, figure))).collect();
-        Self { mean_n: straight.mean_n, peak_n: straight.peak_n, near_n }
+        let ranks = (0..straight.structures.len()).map(|n| case.rank(n)).collect();
+        Self { mean_n: straight.mean_n, peak_n: straight.peak_n, near_n, ranks }
     }
 
     /// Whether mean and peak of the whole force are within their bounds, or not above those before.
@@ -70,9 +74,10 @@ impl Bounds {
         self.near_n[n].iter().zip(&JUDGED).map(of).fold(0.0, f64::max)
     }
 
-    /// How far figures are above their bounds: the logarithms of the structures' largest shares.
+    /// How far figures are above their bounds: the logarithms of the structures' largest shares, by the law of importance.
     pub fn excess(&self, forces: &StructureForces) -> f64 {
-        (0..self.near_n.len()).map(|n| self.share(forces, n).max(1.0).ln()).sum()
+        let of = |(n, rank): (usize, &f64)| Importance::by_rank(self.share(forces, n).max(1.0).ln(), *rank);
+        self.ranks.iter().enumerate().map(of).sum()
     }
 
     /// By how much the cuts that push toward a structure near it must be slower, at most 1.
@@ -227,6 +232,11 @@ mod tests {
     use super::*;
     use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 
+    fn case() -> Case {
+        let text = "[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"nerve\"\nlabel = 2\n";
+        Case::parse(text, std::path::Path::new("case.toml")).unwrap()
+    }
+
     /// Cuts of lengths and pushes per speed, N per mm/s, at speeds; beside 8 s that do not push.
     fn forces(cuts: &[[f64; 3]]) -> StructureForces {
         let span = |(row, [mm, per_mm_s, speed]): (usize, &[f64; 3])| {
@@ -250,13 +260,14 @@ mod tests {
         for figure in 0..3 {
             let bounds =
                 |n: usize| (JUDGED[n].1)(&plan.structures[0].near) * if n == figure { 0.8 } else { 9.0 };
-            let bounds = Bounds { mean_n: 1.0, peak_n: 2.0, near_n: vec![[0, 1, 2].map(bounds)] };
+            let near_n = vec![[0, 1, 2].map(bounds)];
+            let bounds = Bounds { mean_n: 1.0, peak_n: 2.0, near_n, ranks: vec![1.0] };
             let times = bounds.slower(&plan, 0);
             assert!(times < 1.0 && bounds.excess(&plan) > 0.2);
             let reached = bounds.share(&at(times), 0);
             assert!((reached - 1.0).abs() < 1e-12, "figure {figure}: {reached} at {times}");
         }
-        let none = Bounds::of(&plan, &[]);
+        let none = Bounds::of(&case(), &plan, &[]);
         assert_eq!((none.slower(&plan, 0), none.excess(&plan)), (1.0, 0.0));
     }
 
@@ -272,9 +283,13 @@ mod tests {
             total_time_s: 1.0,
             forces: forces.clone(),
         };
-        let bounds = Bounds::of(&straight, &[control(&plan)]);
+        let bounds = Bounds::of(&case(), &straight, &[control(&plan)]);
         assert_eq!(bounds.near_n, vec![[LEAST_N; 3]]);
-        assert!((bounds.excess(&straight) - (0.1f64 / LEAST_N).ln()).abs() < 1e-12);
+        let excess = (0.1f64 / LEAST_N).ln();
+        assert!((bounds.excess(&straight) - excess).abs() < 1e-12);
+        // toward a structure of a fourth of the rank half as much
+        let minor = Bounds { ranks: vec![4.0], ..Bounds::of(&case(), &straight, &[control(&plan)]) };
+        assert!((minor.excess(&straight) - 0.5 * excess).abs() < 1e-12);
         let with = |mean_n: f64, peak_n: f64| StructureForces { mean_n, peak_n, ..straight.clone() };
         let keeps = |forces: &StructureForces| bounds.keeps_whole(forces, &with(1.0, 2.0));
         assert!(keeps(&with(1.0, 2.03)) && !keeps(&with(1.1, 2.0)) && !keeps(&with(1.0, 2.1)));

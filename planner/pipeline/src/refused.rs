@@ -7,6 +7,7 @@ use std::path::Path;
 
 use bonemill_case::Case;
 use bonemill_imaging::ImageError;
+use bonemill_setup::tools;
 
 use crate::PlanError;
 
@@ -17,7 +18,7 @@ pub struct Refused {
     place: String,
     error: PlanError,
     /// What else would help, for this case.
-    advice: &'static str,
+    advice: String,
 }
 
 impl Refused {
@@ -33,12 +34,15 @@ impl Refused {
         if let PlanError::Image(ImageError::NotHounsfield { .. }) = error {
             place += &format!("{}: ", folder.join(&case.images.ct).display());
         }
-        let advice = match (&error, case.approach) {
+        let mut advice = match (&error, case.approach) {
             (PlanError::OutOfReach { .. }, None) if case.job.channel().is_none() => {
-                ", or give approach.direction: the present one was chosen by the planner"
+                ", or give approach.direction: the present one was chosen by the planner".to_owned()
             }
-            _ => "",
+            _ => String::new(),
         };
+        // what looks like another unit may be why
+        let doubts = if error.is_infeasible() { tools::doubts(case) } else { Vec::new() };
+        doubts.iter().for_each(|doubt| advice += &format!("; {doubt}"));
         Self { place, error, advice }
     }
 

@@ -172,6 +172,21 @@ pub enum PlanError {
         /// The farthest that the burr can be from the base, mm.
         reach_mm: f64,
     },
+    /// The arm reaches no place of the target.
+    #[error(
+        "the arm reaches none of {places} places of the target, {nearest_mm:.0} mm and more from its base, with the shaft along any of \
+         {axes} directions within {tilt_limit_deg:.0}° of the approach; move it (robot.base_from_ct)"
+    )]
+    NoneReached {
+        /// How many places were tried.
+        places: usize,
+        /// From the base to the nearest of them, mm.
+        nearest_mm: f64,
+        /// Along how many directions of the shaft.
+        axes: usize,
+        /// The tilt limit, degrees.
+        tilt_limit_deg: f64,
+    },
     /// The target lies in the arm's base.
     #[error(
         "the target lies {away_mm:.0} mm from the arm's base, and within {base_mm} mm of it is the base itself; move it (robot.base_from_ct, \
@@ -233,6 +248,7 @@ impl PlanError {
                     self,
                     Self::OutOfReach { .. }
                         | Self::TooFar { .. }
+                        | Self::NoneReached { .. }
                         | Self::TooNear { .. }
                         | Self::NoAccess { .. }
                         | Self::BadRegistration { .. }
@@ -265,7 +281,10 @@ impl PlanError {
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
             Self::Mount(_) => "robot.flange_from_burr",
-            Self::OutOfReach { .. } | Self::TooFar { .. } | Self::TooNear { .. } => "robot.base_from_ct",
+            Self::OutOfReach { .. }
+            | Self::TooFar { .. }
+            | Self::NoneReached { .. }
+            | Self::TooNear { .. } => "robot.base_from_ct",
             Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
             Self::Robot(
                 RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },

@@ -1,6 +1,7 @@
 //! Whether the arm can get to the target at all: asked before a path is laid, since laying one takes far longer.
 //!
-//! [`judge`] is a bound, not the inverse kinematics: what it refuses is surely out of reach; what it passes may still be.
+//! [`judge`] is a bound, not the inverse kinematics: what it refuses is surely out of reach; what it passes may still be. [`judge_poses`]
+//! then tries the inverse kinematics at places all over the target.
 
 use bonemill_arm::arm::{AxisPose, InverseKind};
 use bonemill_arm::{Arm, ArmKind};
@@ -8,6 +9,7 @@ use bonemill_case::Case;
 use bonemill_geometry::{Base, Ct, Point, Rigid, Work};
 use bonemill_robot::resolve::postures::reached;
 use bonemill_robot::resolve::{Posture, RollFrame};
+use bonemill_toolpath::orientation::Directions;
 use bonemill_toolpath::scene::{Class, Scene, Tilts};
 use nalgebra::{Unit, Vector3};
 
@@ -16,6 +18,9 @@ use super::registration::{self, Registered};
 
 /// Half the width of the smallest UR's base, mm: the UR3e's is 128 mm wide (Universal Robots, user manual).
 const BASE_MM: f64 = 64.0;
+/// Places of the target at which an arm is tried, about, and the steps of the shaft's directions from the approach to the tilt limit.
+const PLACES: usize = 100;
+const TILT_STEPS: f64 = 2.0;
 
 /// Refuses a target in a UR's base, or farther from an arm's base than links and tool are long together.
 ///
@@ -42,6 +47,38 @@ pub fn judge(
     let voxels = scene.class.data().iter().enumerate().filter(|(_, class)| class.is(Class::TARGET));
     let nearest_mm = voxels.map(|(n, _)| away_mm(grid.center(grid.voxel(n)))).fold(f64::INFINITY, f64::min);
     if nearest_mm > reach_mm { Err(PlanError::TooFar { nearest_mm, reach_mm }) } else { Ok(()) }
+}
+
+/// Refuses a target of which an arm with a closed form reaches no place, whatever the tilt.
+///
+/// # Errors
+/// [`PlanError::NoneReached`].
+pub fn judge_poses(case: &Case, arm: &Arm, registered: &Registered, scene: &Scene) -> Result<(), PlanError> {
+    // to search for so many poses takes long
+    if arm.inverse_kind() == InverseKind::Numeric {
+        return Ok(());
+    }
+    let base_from_work = registered.base_from_ct * scene.ct_from_work;
+    let (grid, limit_rad) = (scene.class.grid(), case.orientation.tilt_limit_rad);
+    let voxels = scene.class.data().iter().enumerate().filter(|(_, class)| class.is(Class::TARGET));
+    let voxels: Vec<_> = voxels.map(|(n, _)| base_from_work * grid.center(grid.voxel(n))).collect();
+    let places: Vec<&Point<Base>> = voxels.iter().step_by((voxels.len() / PLACES).max(1)).collect();
+    let axes = Directions::cap(limit_rad / TILT_STEPS, limit_rad);
+    let axes: Vec<_> = axes.axes().iter().map(|axis| base_from_work.rotation * *axis).collect();
+    let poses = places.iter().flat_map(|p| axes.iter().map(|axis| AxisPose { position: **p, axis: *axis }));
+    let poses: Vec<AxisPose> = poses.collect();
+    let frame = RollFrame::about(&(base_from_work.rotation * Vector3::z_axis()));
+    let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
+    if reached(arm, &poses, (frame, posture, None), &[], |_| Vec::new()).count() > 0 {
+        return Ok(());
+    }
+    let away_mm = places.iter().map(|p| p.coords.norm());
+    Err(PlanError::NoneReached {
+        places: places.len(),
+        nearest_mm: away_mm.fold(f64::INFINITY, f64::min),
+        axes: axes.len(),
+        tilt_limit_deg: limit_rad.to_degrees(),
+    })
 }
 
 /// An arm whose place is known before there is a scene.

@@ -51,6 +51,7 @@ impl Setup {
         watch.tell_memory_mb(inputs::memory_mb(&scene, &images));
         let registered = registration(&case.robot, &scene)?;
         reach::judge(&arm, &registered, &scene, case.burr.radius_mm)
+            .and_then(|()| reach::judge_poses(case, &arm, &registered, &scene))
             .map_err(|error| registered.blame(case, error))?;
         let room = room::room(case, &arm, (&images.ct.volume, &scene.approach), &registered.base_from_ct)?;
         let mut warnings = images.warnings;

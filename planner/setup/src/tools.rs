@@ -104,6 +104,11 @@ const LARGE_RADIUS_MM: f64 = 3.5;
 /// What is to be known of tool and arm: a radius that may be a diameter, degrees that may be radians, a doubtful mount, and the
 /// arm's accuracy.
 pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
+    doubts(case).into_iter().chain(accuracy_warning(case, arm)).collect()
+}
+
+/// Values that look like another unit's or like a diameter.
+pub fn doubts(case: &Case) -> Vec<String> {
     let radius_mm = case.burr.radius_mm;
     let large = (case.tool == ToolSpec::Burr && radius_mm > LARGE_RADIUS_MM).then(|| {
         format!("burr.radius_mm = {radius_mm} is a radius, that of a burr of {} mm in diameter; few burrs are larger than {} mm", 2.0 * radius_mm, 2.0 * LARGE_RADIUS_MM)
@@ -124,7 +129,7 @@ pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
     };
     let raster_deg = case.path.raster_rad.map(f64::to_degrees);
     let raster = raster_deg.filter(|deg| is_round(*deg)).map(|deg| radians("path.raster_deg", deg));
-    [large, small, raster, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
+    [large, small, raster, mount::warning(case)].into_iter().flatten().collect()
 }
 
 fn accuracy_warning(case: &Case, arm: &Arm) -> Option<String> {
