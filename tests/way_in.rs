@@ -58,3 +58,19 @@ fn a_bone_attached_arm_whose_place_is_given_is_approached_across_its_hinge() {
     assert!(plan.record.frames.approach_direction.dot(&hinge).abs() < 1e-9);
     assert!(share > 0.9, "{share}");
 }
+
+/// A metre is less than the UR5e's links and the tool are long together, but more than it reaches.
+#[test]
+fn a_target_that_the_arm_cannot_reach_is_refused_before_a_path_is_laid() {
+    let arm = "rate_hz = 100\nmodel = \"ur5e\"\n\
+               flange_from_burr = { translation_mm = [0, 0, 12], rpy_rad = [3.141592653589793, 0, 0] }\n\
+               base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [1000, 0, 0] }";
+    let ran = Place::healthy().with_case("rate_hz = 100", arm).run(&["plan", "case.toml", "--out", "plan"]);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    for words in
+        ["`robot.base_from_ct`: the arm reaches none of", "of the approach", "only 12.00 mm from the flange"]
+    {
+        assert!(ran.err.contains(words), "{words} is missing in {}", ran.err);
+    }
+    assert!(!ran.err.contains("lines"), "{}", ran.err);
+}

@@ -188,8 +188,12 @@ impl RandomCase {
         if arm == DEFLECTION {
             keys = keys.without(OBJECTIVE);
         }
-        // the place of a UR is assumed, and does not turn with the patient
-        let turns = has_arm && !keys.is_chosen(ARM) && matches!(arm, 0 | 5 | 6) && below(3) == 0;
+        // the place of a UR is assumed, and does not turn with the patient; without a nerve and air cells a body has two sides that are equally good
+        let turns = has_arm
+            && body.nerve[0].min(body.cells) > 0
+            && !keys.is_chosen(ARM)
+            && matches!(arm, 0 | 5 | 6)
+            && below(3) == 0;
         let nerve_twins =
             if body.nerve[0] > 0 { [Twin::Priorities, Twin::Parts] } else { [Twin::Mirrored; 2] };
         let twin = match body.turn[0] % 4 {
@@ -330,8 +334,9 @@ impl RandomCase {
             Self { arm: 0, ..self },
         ];
         // a nerve that is written otherwise stays
-        let keeps_nerve =
-            |body: &RandomBody| body.nerve[0] > 0 || !matches!(self.twin, Twin::Priorities | Twin::Parts);
+        let keeps_nerve = |body: &RandomBody| {
+            body.nerve[0] > 0 || !matches!(self.twin, Twin::Priorities | Twin::Parts | Twin::Turned)
+        };
         let smaller = self.body.simpler().into_iter().filter(|other| other.pocket == self.body.pocket);
         let smaller = smaller.filter(keeps_nerve).map(|body| self.with_body(body));
         less.into_iter().filter(|other| *other != self).chain(fewer).chain(smaller).collect()

@@ -120,10 +120,12 @@ impl<'a> Start<'a> {
             self.attempt((prepared, freedom), &references, (&controls, straight.clone()), watch)
         };
         let mut attempt = along(true)?;
-        // many cuts along a whole wall push less where they stand
-        if attempt.excess > GAINS && attempt.prepared.reached.put_off() > 0 {
+        // many cuts along a whole wall push less where they stand, and the way back to them may take too long
+        let is_short = |attempt: &Attempt| attempt.timing.missed.is_some() || attempt.excess > GAINS;
+        if is_short(&attempt) && attempt.prepared.reached.put_off() > 0 {
             let plain = along(false)?;
-            if plain.excess < attempt.excess && plain.keeps_what(&attempt) {
+            let is_in_time = plain.timing.missed.is_none() && attempt.timing.missed.is_some();
+            if (is_in_time || plain.excess < attempt.excess) && plain.keeps_what(&attempt) {
                 attempt = plain;
             }
         }

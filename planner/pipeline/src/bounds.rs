@@ -34,6 +34,8 @@ const PLACES: [f64; 5] = [0.02, 0.25, 0.5, 0.75, 1.0];
 const CLEARLY_N: f64 = 2.0 * NOTHING_N;
 /// Figures that are above their bound by no more than this share are left.
 const NEARLY: f64 = 0.005;
+/// Forces of the same cuts that differ by no more than this share are the same.
+const ROUNDING: f64 = 1e-6;
 
 /// What a plan may not exceed, N.
 #[derive(Debug)]
@@ -64,7 +66,8 @@ impl Bounds {
     /// Whether mean and peak of the whole force are within their bounds, or not above those before.
     pub fn keeps_whole(&self, forces: &StructureForces, before: &StructureForces) -> bool {
         let most_n = [self.mean_n.max(before.mean_n), (self.peak_n * (1.0 + SAME_SHARE)).max(before.peak_n)];
-        forces.mean_n <= most_n[0] && forces.peak_n <= most_n[1]
+        let keeps = |n: f64, most_n: f64| n <= most_n * (1.0 + ROUNDING);
+        keeps(forces.mean_n, most_n[0]) && keeps(forces.peak_n, most_n[1])
     }
 
     /// The largest share of a structure's bounds that forces reach.
