@@ -16,7 +16,7 @@ pub struct ExperimentArgs {
     /// Bodies of each kind: seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// First seed, for `agree` and `agree-prostheses`
+    /// First seed, for `agree`, `agree-channels` and `agree-prostheses`
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub first: u64,
     /// Your own case file in addition to the bodies, for `pareto`

@@ -287,6 +287,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         run: hard_cases::run_agree,
     },
     Experiment {
+        name: "agree-channels",
+        about: "random drills beside a nerve: plan, verify, simulate and a twin of the case must agree, 25 a seed",
+        run: hard_cases::run_agree_channels,
+    },
+    Experiment {
         name: "agree-prostheses",
         about: "random parts, tools and blocks: plan, proof and verify must agree, and every change of the folder be found, 25 a seed",
         run: prostheses::agree::run,

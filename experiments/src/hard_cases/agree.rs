@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Rotation3};
 use rayon::prelude::*;
 
 use super::keys::{Choices, Keys};
-use super::random::{RandomBody, draws, ended_well};
+use super::random::{RandomBody, draws, ended_well, simplest};
 use super::read_back;
 use super::run::{End, Quiet, run_judged};
 use super::scene::{BONE, NERVE, Scene, V};
@@ -465,14 +465,8 @@ pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progr
 
 /// A case that disagrees, what about, and the case as simple as it can be.
 fn row(number: u64) -> Option<[String; 3]> {
-    let drawn = RandomCase::draw(number);
-    let said = drawn.told()?;
-    let (mut simplest, mut why) = (drawn, said.clone());
-    // the loop ends, because every step sets a number to its simplest value
-    while let Some(next) = simplest.simpler().into_iter().find_map(|case| Some((case, case.told()?))) {
-        (simplest, why) = next;
-    }
-    Some([number.to_string(), said, format!("{simplest:?}: {why}")])
+    let (said, simplest) = simplest(RandomCase::draw(number), RandomCase::told, RandomCase::simpler)?;
+    Some([number.to_string(), said, simplest])
 }
 
 #[cfg(test)]

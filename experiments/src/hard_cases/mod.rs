@@ -5,6 +5,7 @@
 //! it falls short, or a refusal that states what is wrong. A panic counts as a failure.
 
 mod agree;
+mod channels;
 mod keys;
 mod list;
 mod list_tools;
@@ -18,6 +19,7 @@ use bonemill_planner::Progress;
 use rayon::prelude::*;
 
 pub use agree::run as run_agree;
+pub use channels::run as run_agree_channels;
 pub(crate) use keys::{Choices, Keys};
 pub use list::scenes;
 pub(crate) use random::draws;

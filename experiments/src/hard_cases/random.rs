@@ -178,6 +178,21 @@ pub fn shrink(body: RandomBody, fails: impl Fn(RandomBody) -> bool) -> RandomBod
     body
 }
 
+/// What is wrong with a case, and the case as simple as something is wrong with it, in words; `None` where nothing is.
+pub(super) fn simplest<T: Copy + std::fmt::Debug>(
+    drawn: T,
+    told: impl Fn(T) -> Option<String>,
+    simpler: impl Fn(T) -> Vec<T>,
+) -> Option<(String, String)> {
+    let said = told(drawn)?;
+    let (mut simplest, mut why) = (drawn, said.clone());
+    // the loop ends, because every step sets a number to its simplest value
+    while let Some(next) = simpler(simplest).into_iter().find_map(|case| Some((case, told(case)?))) {
+        (simplest, why) = next;
+    }
+    Some((said, format!("{simplest:?}: {why}")))
+}
+
 /// Runs bodies 0 to `count`; lists the results, and the simplified form of each body that failed.
 pub fn random_scenes(count: u64, progress: &dyn Progress) -> Table {
     const PORTION: u64 = 50;

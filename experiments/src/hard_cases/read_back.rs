@@ -18,7 +18,7 @@ pub(super) fn differences(plan: &StoredPlan) -> Vec<String> {
 }
 
 /// The points of the ROS export against the rows of the trajectory.
-fn exported(plan: &StoredPlan) -> Result<Vec<String>, Box<dyn std::error::Error>> {
+pub(super) fn exported(plan: &StoredPlan) -> Result<Vec<String>, Box<dyn std::error::Error>> {
     let t = &plan.trajectory;
     let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
     let (most_mm, most_s) = EXPORTED;

@@ -4,12 +4,12 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan};
 use bonemill_planner::report::CtSlices;
 use bonemill_planner::save;
 use bonemill_planner::verify::{Check, verify};
+use bonemill_planner::{PlanError, Progress};
 
 use super::scene::{Expect, Scene};
 
@@ -112,18 +112,33 @@ fn run_in(scene: &Scene, folder: &Path, judge: &mut dyn FnMut(&StoredPlan) -> Ve
         Ok(case) => case,
         Err(error) => return End::Refused(error.to_string()),
     };
-    let plan = match bonemill_planner::plan(&case, &case_path, &Quiet) {
-        Ok(plan) => plan,
-        Err(error) if error.is_infeasible() => return End::FallsShort(error.to_string()),
-        Err(error) => return End::Refused(error.to_string()),
+    let refused = |error: PlanError| {
+        if error.is_infeasible() {
+            End::FallsShort(error.to_string())
+        } else {
+            End::Refused(error.to_string())
+        }
     };
-    let stored = || -> Told<StoredPlan> {
-        let staged = StagedDirectory::create(&folder.join("plan"), Replace::Plan)?;
-        save::plan(&plan, &case_path, &staged, CtSlices::Shown)?;
-        let dir = staged.commit()?;
-        Ok(StoredPlan::load(&dir)?)
+    let staged =
+        || -> Told<StagedDirectory> { Ok(StagedDirectory::create(&folder.join("plan"), Replace::Plan)?) };
+    let load = |staged: StagedDirectory| -> Told<StoredPlan> { Ok(StoredPlan::load(&staged.commit()?)?) };
+    let stored = match case.job.channel() {
+        Some(spec) => match bonemill_planner::channel::plan(&case, spec, &case_path, &Quiet) {
+            Ok(plan) => staged().and_then(|staged| {
+                save::channel(&plan, &case_path, &staged, CtSlices::Shown)?;
+                load(staged)
+            }),
+            Err(error) => return refused(error),
+        },
+        None => match bonemill_planner::plan(&case, &case_path, &Quiet) {
+            Ok(plan) => staged().and_then(|staged| {
+                save::plan(&plan, &case_path, &staged, CtSlices::Shown)?;
+                load(staged)
+            }),
+            Err(error) => return refused(error),
+        },
     };
-    let stored = match stored() {
+    let stored = match stored {
         Ok(stored) => stored,
         Err(error) => return End::Broken(format!("the plan does not come back from its files: {error}")),
     };

@@ -57,6 +57,13 @@ fn programs_agree_on_random_cases_and_on_their_twins() {
     assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
 }
 
+/// Channels, and one on which plan and verify once disagreed: 21 because the channel leaves through the scan's edge.
+#[test]
+fn programs_agree_on_random_channels_and_on_their_twins() {
+    let found = super::channels::agree([1, 8, 14, 18, 21], &());
+    assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
+}
+
 #[test]
 fn names_are_distinct_and_edits_find_their_lines() {
     let scenes = scenes();

@@ -320,7 +320,7 @@ table! {
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what a straight shaft takes with every cut at nominal_mm_s, driven by the same arm along lines in the better of two directions; else none"), "time of the whole plan, when it is to be met", "D III: trials of equal time";
-        FORCE_ROOM = "speed.force_room" Share 0.0..10.0, Value(0.1), "with mode = \"least_force\": share by which the least level of |F| that fits the time may be exceeded, so that the level toward structures can be lower", "assumed";
+        FORCE_ROOM = "speed.force_room" Share 0.0..10.0, Value(0.1), "with mode = \"least_force\": share by which the least level of |F| that fits the time may be exceeded, so that the level toward structures can be lower", "measured: docs/results.md";
         ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
         FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
         TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),

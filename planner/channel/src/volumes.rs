@@ -7,7 +7,7 @@ use crate::bone::{BoneField, ToolPose};
 use crate::front::ToolFront;
 
 /// Steps along the axis, mm.
-pub const SWEPT_STEP_MM: f64 = 0.1;
+pub const SWEPT_STEP_MM: f64 = 0.02;
 
 /// What a channel removes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

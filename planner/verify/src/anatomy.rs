@@ -152,6 +152,12 @@ impl Anatomy {
         self.ct.trilinear(p, OUTSIDE_HU)
     }
 
+    /// HU at a point between the centres of the outermost voxels; beyond them there is no image.
+    pub fn hu_inside(&self, p: Point<Ct>) -> Option<f64> {
+        let (at, dims) = (self.ct.grid().continuous_index(p), self.ct.grid().dims());
+        (0..3).all(|a| at[a] >= 0.0 && at[a] < (dims[a] - 1) as f64).then(|| self.hu(p))
+    }
+
     /// Whether a point lies in the scan, the union of the CT's closed voxel boxes. There is no target beyond it.
     pub fn is_in_scan(&self, p: Point<Ct>) -> bool {
         let (index, dims) = (self.ct.grid().continuous_index(p), self.ct.grid().dims());

@@ -17,7 +17,7 @@ const SHELL_MM: f64 = 2.0;
 const RADII: usize = 800;
 /// Columns along the tool's radius, and steps along a column, mm.
 const COLUMNS_PER_RADIUS: i32 = 40;
-const STEP_MM: f64 = 0.1;
+const STEP_MM: f64 = 0.02;
 /// Share of all that is swept by which the planner's places and these may differ.
 const VOLUME_SHARE: f64 = 5e-3;
 
@@ -188,8 +188,9 @@ pub fn volumes(
         let Some(front) = solid.front_mm(r).filter(|_| r > guide_radius_mm(&case.tool)) else { continue };
         for n in 0..steps as u32 {
             let p = end + right * x + up * y + out * (front + (f64::from(n) + 0.5) * way / steps);
-            let hu = anatomy.hu(p);
             counts[0] += 1;
+            // where the scan has ended nothing is known to be cut
+            let Some(hu) = anatomy.hu_inside(p) else { continue };
             counts[1] += u64::from(hu > case.density.air_hu);
             counts[2] += u64::from(hu >= case.density.bone_hu);
         }
@@ -198,10 +199,12 @@ pub fn volumes(
     let stated = [m.removed_mm3, m.removed_material_mm3, m.removed_bone_mm3];
     let names = ["removed_mm3", "removed_material_mm3", "removed_bone_mm3"];
     let all = counts[0] as f64 * cell_mm3;
+    // where bone ends across the axis, either count may be off by half a step of its own
+    let accepted = VOLUME_SHARE * all + std::f64::consts::PI * radius * radius * STEP_MM;
     let check = |n: usize| {
         let found = counts[n] as f64 * cell_mm3;
         let off = (stated[n] - found).abs();
-        Check::at_most("volumes as written", off, VOLUME_SHARE * all, "mm³ off").of(names[n])
+        Check::at_most("volumes as written", off, accepted, "mm³ off").of(names[n])
     };
     (0..3).map(check).collect()
 }
