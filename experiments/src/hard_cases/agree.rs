@@ -334,8 +334,10 @@ impl RandomCase {
             Self { arm: 0, ..self },
         ];
         // a nerve that is written otherwise stays
-        let keeps_nerve = |body: &RandomBody| {
-            body.nerve[0] > 0 || !matches!(self.twin, Twin::Priorities | Twin::Parts | Twin::Turned)
+        let keeps_nerve = |body: &RandomBody| match self.twin {
+            Twin::Priorities | Twin::Parts => body.nerve[0] > 0,
+            Twin::Turned => body.nerve[0].min(body.cells) > 0,
+            _ => true,
         };
         let smaller = self.body.simpler().into_iter().filter(|other| other.pocket == self.body.pocket);
         let smaller = smaller.filter(keeps_nerve).map(|body| self.with_body(body));

@@ -168,7 +168,7 @@ impl RandomChannel {
 
 /// Whether a case was refused although nothing in it is wrong.
 fn is_wrong_refusal(end: &End) -> bool {
-    const REASONS: [&str; 5] = ["no channel", "lies outside the CT", "structure", "in air", "no bone"];
+    const REASONS: [&str; 3] = ["lies outside the CT", "touches structure", "meets no bone"];
     matches!(end, End::Refused(why) if !REASONS.iter().any(|reason| why.contains(reason)))
 }
 

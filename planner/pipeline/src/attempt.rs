@@ -47,6 +47,8 @@ const MOST_PUT_OFF: usize = 2;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
+/// By how much figures of a plan that meets its time may be above those of one that does not, as a logarithm of figures: twice.
+const MORE_IN_TIME: f64 = std::f64::consts::LN_2;
 
 /// A path with its axes, its motion and its speeds.
 pub(super) struct Attempt<'a> {
@@ -123,10 +125,10 @@ impl<'a> Start<'a> {
         // many cuts along a whole wall push less where they stand, and the way back to them may take too long
         let is_short = |attempt: &Attempt| attempt.timing.missed.is_some() || attempt.excess > GAINS;
         if is_short(&attempt) && attempt.prepared.reached.put_off() > 0 {
-            let plain = along(false)?;
-            let is_in_time = plain.timing.missed.is_none() && attempt.timing.missed.is_some();
-            if (is_in_time || plain.excess < attempt.excess) && plain.keeps_what(&attempt) {
-                attempt = plain;
+            match along(false) {
+                Ok(plain) if plain.is_better_than_put_off(&attempt) => attempt = plain,
+                Err(error) if !error.is_infeasible() => return Err(error),
+                _ => {}
             }
         }
         let takes_s = attempt.timing.driven.law.duration_s();
@@ -428,6 +430,13 @@ impl Attempt<'_> {
         self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
             && self.chosen.oriented.blocked_turns.len() <= other.chosen.oriented.blocked_turns.len()
             && misses(self).iter().zip(misses(other)).all(|(ours, theirs)| !ours || theirs)
+    }
+
+    /// Whether it stands in place of another whose cuts are put off: it pushes less, or it alone meets the time and pushes hardly more.
+    fn is_better_than_put_off(&self, other: &Self) -> bool {
+        let is_in_time = self.timing.missed.is_none() && other.timing.missed.is_some();
+        let room = if is_in_time { MORE_IN_TIME } else { 0.0 };
+        self.excess < other.excess + room && self.keeps_what(other)
     }
 
     /// Whether it pushes more than its controls toward a structure of the highest priority.

@@ -35,7 +35,9 @@ impl Refused {
             place += &format!("{}: ", folder.join(&case.images.ct).display());
         }
         let mut advice = match (&error, case.approach) {
-            (PlanError::OutOfReach { .. }, None) if case.job.channel().is_none() => {
+            (PlanError::OutOfReach { .. } | PlanError::NoneReached { .. }, None)
+                if case.job.channel().is_none() =>
+            {
                 ", or give approach.direction: the present one was chosen by the planner".to_owned()
             }
             _ => String::new(),

@@ -175,13 +175,16 @@ pub enum PlanError {
     /// The arm reaches no place of the target.
     #[error(
         "the arm reaches none of {places} places of the target, {nearest_mm:.0} mm and more from its base, with the shaft along any of \
-         {axes} directions within {tilt_limit_deg:.0}° of the approach; move it (robot.base_from_ct)"
+         {axes} directions within {tilt_limit_deg:.0}° of the approach{nearer}; move it (robot.base_from_ct)",
+        nearer = .nearer_mm.map_or(String::new(), |mm| format!(": the nearest would have to be {mm:.0} mm nearer"))
     )]
     NoneReached {
         /// How many places were tried.
         places: usize,
         /// From the base to the nearest of them, mm.
         nearest_mm: f64,
+        /// How much nearer it would have to be, mm; `None` where that does not help.
+        nearer_mm: Option<f64>,
         /// Along how many directions of the shaft.
         axes: usize,
         /// The tilt limit, degrees.

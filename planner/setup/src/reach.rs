@@ -20,7 +20,9 @@ use super::registration::{self, Registered};
 const BASE_MM: f64 = 64.0;
 /// Places of the target at which an arm is tried, about, and the steps of the shaft's directions from the approach to the tilt limit.
 const PLACES: usize = 100;
-const TILT_STEPS: f64 = 2.0;
+const TILT_STEPS: f64 = 3.0;
+/// How exactly it is told how much nearer the target would have to be, mm.
+const NEARER_MM: f64 = 10.0;
 
 /// Refuses a target in a UR's base, or farther from an arm's base than links and tool are long together.
 ///
@@ -49,33 +51,41 @@ pub fn judge(
     if nearest_mm > reach_mm { Err(PlanError::TooFar { nearest_mm, reach_mm }) } else { Ok(()) }
 }
 
-/// Refuses a target of which an arm with a closed form reaches no place, whatever the tilt.
+/// Refuses a target of which a UR reaches no place, in any posture and along any direction of the shaft within the tilt limit. It is asked at
+/// places all over the target; the bone-attached arm, whose shaft has a plane of its own, is judged by [`judge`] alone.
 ///
 /// # Errors
 /// [`PlanError::NoneReached`].
 pub fn judge_poses(case: &Case, arm: &Arm, registered: &Registered, scene: &Scene) -> Result<(), PlanError> {
-    // to search for so many poses takes long
-    if arm.inverse_kind() == InverseKind::Numeric {
+    if !matches!(arm.inverse_kind(), InverseKind::Ur { .. }) {
         return Ok(());
     }
     let base_from_work = registered.base_from_ct * scene.ct_from_work;
     let (grid, limit_rad) = (scene.class.grid(), case.orientation.tilt_limit_rad);
     let voxels = scene.class.data().iter().enumerate().filter(|(_, class)| class.is(Class::TARGET));
     let voxels: Vec<_> = voxels.map(|(n, _)| base_from_work * grid.center(grid.voxel(n))).collect();
-    let places: Vec<&Point<Base>> = voxels.iter().step_by((voxels.len() / PLACES).max(1)).collect();
+    let nearest = voxels.iter().min_by(|a, b| a.coords.norm().total_cmp(&b.coords.norm()));
+    let spread = (0..PLACES.min(voxels.len())).map(|n| &voxels[n * voxels.len() / PLACES.min(voxels.len())]);
+    let places: Vec<&Point<Base>> = spread.chain(nearest).collect();
     let axes = Directions::cap(limit_rad / TILT_STEPS, limit_rad);
     let axes: Vec<_> = axes.axes().iter().map(|axis| base_from_work.rotation * *axis).collect();
-    let poses = places.iter().flat_map(|p| axes.iter().map(|axis| AxisPose { position: **p, axis: *axis }));
-    let poses: Vec<AxisPose> = poses.collect();
     let frame = RollFrame::about(&(base_from_work.rotation * Vector3::z_axis()));
-    let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
-    if reached(arm, &poses, (frame, posture, None), &[], |_| Vec::new()).count() > 0 {
-        return Ok(());
-    }
-    let away_mm = places.iter().map(|p| p.coords.norm());
+    // whether any of some places is reached, shifted
+    let reaches_any = |places: &[&Point<Base>], shift: Vector3<f64>| {
+        let pose = |p: &Point<Base>, axis| AxisPose { position: Point::from_coords(p.coords - shift), axis };
+        let poses = places.iter().flat_map(|p| axes.iter().map(move |axis| pose(p, *axis)));
+        let poses: Vec<AxisPose> = poses.collect();
+        reached(arm, &poses, (frame, Posture::Any, None), &[], |_| Vec::new()).count() > 0
+    };
+    let Some(nearest) = nearest.filter(|_| !reaches_any(&places, Vector3::zeros())) else { return Ok(()) };
+    let nearest_mm = nearest.coords.norm();
+    let by = |n: i32| f64::from(n) * NEARER_MM;
+    let mut shifts = (1..).map(by).take_while(|mm| *mm < nearest_mm);
+    let nearer_mm = shifts.find(|mm| reaches_any(&[nearest], nearest.coords * (*mm / nearest_mm)));
     Err(PlanError::NoneReached {
         places: places.len(),
-        nearest_mm: away_mm.fold(f64::INFINITY, f64::min),
+        nearest_mm,
+        nearer_mm,
         axes: axes.len(),
         tilt_limit_deg: limit_rad.to_degrees(),
     })
