@@ -65,11 +65,11 @@ impl Span<'_> {
 
     fn checks(&self, evidence: &Evidence, force: &DrivenForce, toward: &[Option<Toward>]) -> Vec<Check> {
         let plan = evidence.plan;
-        // largest and mean as stated of each waypoint within the distance, N
+        // what is stated of each waypoint within the distance, N
         let mut rows_n = vec![None; plan.waypoints.len()];
         for row in plan.forces.iter().filter(|f| f.structure == self.n && f.distance_mm <= self.most_mm) {
             if let Some(row_n) = rows_n.get_mut(row.waypoint) {
-                *row_n = Some([row.peak_toward_n, row.mean_toward_n]);
+                *row_n = Some(row.peak_toward_n);
             }
         }
         let row_n = |waypoint: usize| rows_n.get(waypoint).copied().flatten();
@@ -89,16 +89,12 @@ impl Span<'_> {
         };
         let toward_n = |instant: &Instant| of(instant, instant.mean_n()).unwrap_or(0.0);
         let sum_ns = force.sum_ns(evidence, is_counted, toward_n);
-        // F_v > 0
-        let pushes = |waypoint: usize| is_counted(waypoint) && row_n(waypoint).is_some_and(|n| n[1] > 0.0);
-        let pushed_ns = force.sum_ns(evidence, pushes, toward_n);
         let near_n = |n: f64| n * (1.0 + NEAR_MEAN[0]) + NEAR_MEAN[1];
         let accepted = if self.table.is_some() { near_n } else { accepted_n };
         vec![
             peak(evidence, &self.keys("peak_force_toward_n"), largest, |waypoint| {
-                row_n(waypoint).map_or(0.0, |n| n[0])
+                row_n(waypoint).unwrap_or(0.0)
             }),
-            mean(plan, &self.keys("mean_force_toward_n"), (pushed_ns, accepted), pushes),
             mean(plan, &self.keys("mean_force_toward_with_zeros_n"), (sum_ns, accepted), is_counted),
         ]
     }
