@@ -150,7 +150,7 @@ enum Twin {
     Permuted,
     /// Labels in voxels of half the size.
     Finer,
-    /// The body turned in ct, and the registration with it.
+    /// The body turned in ct, and the registration.
     Turned,
 }
 
@@ -182,7 +182,6 @@ impl RandomCase {
         let has_arm = number >= WITH_ARMS;
         let arm = if has_arm { below(ARMS.len() as u64) } else { 0 };
         if arm > 0 {
-            // one arm, and one table of the cost
             keys = keys.without(ARM);
         }
         if arm == DEFLECTION {
@@ -241,14 +240,9 @@ impl RandomCase {
         let base_from_ct = base_from_body * Rotation3::new(V::from(scene.turn_rad)).inverse();
         let rows: Vec<Vec<f64>> =
             base_from_ct.matrix().row_iter().map(|row| row.iter().copied().collect()).collect();
-        let depth_mm = f64::from(self.body.pocket[2]) * 0.5;
-        scene.with(
-            "[robot]",
-            format!(
-                "[robot]\nbase_from_ct = {{ rotation = {rows:?}, translation_mm = [0, 0, {:?}] }}",
-                0.5 * depth_mm
-            ),
-        )
+        let up_mm = 0.25 * f64::from(self.body.pocket[2]);
+        let place = format!("base_from_ct = {{ rotation = {rows:?}, translation_mm = [0, 0, {up_mm:?}] }}");
+        scene.with("[robot]", format!("[robot]\n{place}"))
     }
 
     /// The same case written otherwise.

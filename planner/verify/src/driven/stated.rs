@@ -87,8 +87,8 @@ impl Span<'_> {
         let is_counted = |waypoint: usize| {
             row_n(waypoint).is_some() && plan.waypoints.get(waypoint).is_some_and(|w| w.mass_mg > 0.0)
         };
-        let toward_n = |instant: &Instant| of(instant, instant.mean_n()).unwrap_or(0.0);
-        let sum_ns = force.sum_ns(evidence, is_counted, toward_n);
+        let sum_ns =
+            force.sum_ns(evidence, is_counted, |instant| of(instant, instant.mean_n()).unwrap_or(0.0));
         let near_n = |n: f64| n * (1.0 + NEAR_MEAN[0]) + NEAR_MEAN[1];
         let accepted = if self.table.is_some() { near_n } else { accepted_n };
         vec![
