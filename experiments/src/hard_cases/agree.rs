@@ -10,10 +10,9 @@ use bonemill_planner::Progress;
 use bonemill_planner::plan::{ForceToward, StoredPlan};
 use bonemill_planner::simulate::{ModelName, Sampling, simulate};
 use nalgebra::{Matrix3, Rotation3};
-use rayon::prelude::*;
 
 use super::keys::{Choices, Keys};
-use super::random::{RandomBody, draws, ended_well, simplest};
+use super::random::{Drawn, RandomBody, draws, ended_well, list_wrong};
 use super::read_back;
 use super::run::{End, Quiet, run_judged};
 use super::scene::{BONE, NERVE, Scene, V};
@@ -169,43 +168,6 @@ struct Figures {
 }
 
 impl RandomCase {
-    /// The case with this number.
-    fn draw(number: u64) -> Self {
-        let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
-        let mut keys = Keys::draw(&KEYS, &mut below);
-        // pockets of a few burr's diameters: many cases rather than long ones
-        let pocket = [3, 3, 2].map(|half| half + below(3));
-        let burr = 10 + below(6);
-        let body = RandomBody { pocket, burr, ..RandomBody::draw(number) };
-        let mut some = |n: u64| if number < WITH_MORE { 0 } else { below(2) * below(n + 1) };
-        let [vein, island, edge] = [some(4), some(4), some(3)];
-        let has_arm = number >= WITH_ARMS;
-        let arm = if has_arm { below(ARMS.len() as u64) } else { 0 };
-        if arm > 0 {
-            keys = keys.without(ARM);
-        }
-        if arm == DEFLECTION {
-            keys = keys.without(OBJECTIVE);
-        }
-        // the place of a UR is assumed, and does not turn with the patient; without a nerve and air cells a body has two sides that are equally good
-        let turns = has_arm
-            && body.nerve[0].min(body.cells) > 0
-            && !keys.is_chosen(ARM)
-            && matches!(arm, 0 | 5 | 6)
-            && below(3) == 0;
-        let nerve_twins =
-            if body.nerve[0] > 0 { [Twin::Priorities, Twin::Parts] } else { [Twin::Mirrored; 2] };
-        let twin = match body.turn[0] % 4 {
-            _ if turns => Twin::Turned,
-            0 | 1 if number >= WITH_MORE && body.turn[1].is_multiple_of(2) => Twin::Permuted,
-            n @ (0 | 1) => nerve_twins[usize::from(n)],
-            2 => Twin::Shifted,
-            _ if number >= WITH_MORE => Twin::Finer,
-            _ => Twin::Mirrored,
-        };
-        Self { body, keys, vein, island, edge, arm, twin }
-    }
-
     fn scene(self) -> Scene {
         let mut scene =
             self.keys.chosen(&KEYS).fold(self.body.scene(), |scene, (from, to)| scene.with(from, to));
@@ -277,7 +239,54 @@ impl RandomCase {
         }
     }
 
-    /// Where programs disagree; empty where they agree.
+    fn with_keys(mut self, keys: Keys<COUNT>) -> Self {
+        self.keys = keys;
+        self
+    }
+
+    fn with_body(mut self, body: RandomBody) -> Self {
+        self.body = body;
+        self
+    }
+}
+
+impl Drawn for RandomCase {
+    fn draw(number: u64) -> Self {
+        let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
+        let mut keys = Keys::draw(&KEYS, &mut below);
+        // pockets of a few burr's diameters: many cases rather than long ones
+        let pocket = [3, 3, 2].map(|half| half + below(3));
+        let burr = 10 + below(6);
+        let body = RandomBody { pocket, burr, ..RandomBody::draw(number) };
+        let mut some = |n: u64| if number < WITH_MORE { 0 } else { below(2) * below(n + 1) };
+        let [vein, island, edge] = [some(4), some(4), some(3)];
+        let has_arm = number >= WITH_ARMS;
+        let arm = if has_arm { below(ARMS.len() as u64) } else { 0 };
+        if arm > 0 {
+            keys = keys.without(ARM);
+        }
+        if arm == DEFLECTION {
+            keys = keys.without(OBJECTIVE);
+        }
+        // the place of a UR is assumed, and does not turn with the patient; without a nerve and air cells a body has two sides that are equally good
+        let turns = has_arm
+            && body.nerve[0].min(body.cells) > 0
+            && !keys.is_chosen(ARM)
+            && matches!(arm, 0 | 5 | 6)
+            && below(3) == 0;
+        let nerve_twins =
+            if body.nerve[0] > 0 { [Twin::Priorities, Twin::Parts] } else { [Twin::Mirrored; 2] };
+        let twin = match body.turn[0] % 4 {
+            _ if turns => Twin::Turned,
+            0 | 1 if number >= WITH_MORE && body.turn[1].is_multiple_of(2) => Twin::Permuted,
+            n @ (0 | 1) => nerve_twins[usize::from(n)],
+            2 => Twin::Shifted,
+            _ if number >= WITH_MORE => Twin::Finer,
+            _ => Twin::Mirrored,
+        };
+        Self { body, keys, vein, island, edge, arm, twin }
+    }
+
     fn disagreements(self) -> Vec<String> {
         let (end, figures) = judged(&self.scene());
         if !ended_well(&end) {
@@ -302,23 +311,6 @@ impl RandomCase {
         }
     }
 
-    /// The disagreements in one line, if there are any.
-    fn told(self) -> Option<String> {
-        let said = self.disagreements();
-        (!said.is_empty()).then(|| said.join("; ").replace('\n', "; ").replace('|', "/"))
-    }
-
-    fn with_keys(mut self, keys: Keys<COUNT>) -> Self {
-        self.keys = keys;
-        self
-    }
-
-    fn with_body(mut self, body: RandomBody) -> Self {
-        self.body = body;
-        self
-    }
-
-    /// Cases that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
         let fewer = self.keys.simpler().map(|keys| self.with_keys(keys));
         let less = [
@@ -437,9 +429,6 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     Ok(vec![agree(size.cases(), progress)])
 }
 
-/// Number of cases after which disagreements are told.
-const PORTION: usize = 50;
-
 /// Runs the cases of these numbers; each that disagrees is listed as simple as it can be.
 pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progress) -> Table {
     let numbers: Vec<u64> = numbers.into_iter().collect();
@@ -447,22 +436,8 @@ pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progr
         "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, elsewhere, turned or with another axis first, finer labels, priorities times three, or a structure in two parts)",
         numbers.len()
     );
-    let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);
-    for portion in numbers.chunks(PORTION) {
-        for [case, said, simple] in portion.par_iter().filter_map(|n| row(*n)).collect::<Vec<_>>() {
-            let shortfall = format!("case {case}: {said}; as simple as {simple}");
-            progress.note(&shortfall);
-            table.shortfalls.push(shortfall);
-            table.push(vec![case, said, simple]);
-        }
-    }
-    table
-}
-
-/// A case that disagrees, what about, and the case as simple as it can be.
-fn row(number: u64) -> Option<[String; 3]> {
-    let (said, simplest) = simplest(RandomCase::draw(number), RandomCase::told, RandomCase::simpler)?;
-    Some([number.to_string(), said, simplest])
+    let table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);
+    list_wrong::<RandomCase>(table, &numbers, progress)
 }
 
 #[cfg(test)]

@@ -7,10 +7,9 @@ use bonemill_planner::Progress;
 use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::simulate::{ModelName, Sampling, simulate};
 use nalgebra::Rotation3;
-use rayon::prelude::*;
 
 use super::keys::{Choices, Keys};
-use super::random::{RandomBody, draws, simplest};
+use super::random::{Drawn, RandomBody, draws, list_wrong};
 use super::read_back;
 use super::run::{End, Quiet, run_judged};
 use super::scene::{Scene, V};
@@ -67,23 +66,6 @@ struct RandomChannel {
 }
 
 impl RandomChannel {
-    /// The channel with this number.
-    fn draw(number: u64) -> Self {
-        let mut below = draws(number ^ 0x00c0_ffee_0000_0000);
-        let keys = Keys::draw(&KEYS, &mut below);
-        let end = [below(6), below(6), 4 + below(8)];
-        let is_safest = below(3) > 0;
-        let mut body = RandomBody::draw(number);
-        body.roof = 0;
-        let twin = match below(4) {
-            0 if body.nerve[0] > 0 => Twin::Priority,
-            0 | 1 => Twin::Shifted,
-            2 => Twin::Mirrored,
-            _ => Twin::Permuted,
-        };
-        Self { body, keys, end, is_safest, twin }
-    }
-
     fn scene(self) -> Scene {
         self.at([0.0; 3])
     }
@@ -123,7 +105,34 @@ impl RandomChannel {
         }
     }
 
-    /// Where programs disagree; empty where they agree.
+    fn with_keys(mut self, keys: Keys<COUNT>) -> Self {
+        self.keys = keys;
+        self
+    }
+
+    fn with_body(mut self, body: RandomBody) -> Self {
+        self.body = body;
+        self
+    }
+}
+
+impl Drawn for RandomChannel {
+    fn draw(number: u64) -> Self {
+        let mut below = draws(number ^ 0x00c0_ffee_0000_0000);
+        let keys = Keys::draw(&KEYS, &mut below);
+        let end = [below(6), below(6), 4 + below(8)];
+        let is_safest = below(3) > 0;
+        let mut body = RandomBody::draw(number);
+        body.roof = 0;
+        let twin = match below(4) {
+            0 if body.nerve[0] > 0 => Twin::Priority,
+            0 | 1 => Twin::Shifted,
+            2 => Twin::Mirrored,
+            _ => Twin::Permuted,
+        };
+        Self { body, keys, end, is_safest, twin }
+    }
+
     fn disagreements(self) -> Vec<String> {
         let (end, figures) = judged(&self.scene());
         if matches!(end, End::Faulty(..) | End::Broken(_)) || is_wrong_refusal(&end) {
@@ -141,28 +150,11 @@ impl RandomChannel {
         each.filter(differs).map(|(name, (a, b))| format!("{name} {a:.4}, of its twin {b:.4}")).collect()
     }
 
-    fn with_keys(mut self, keys: Keys<COUNT>) -> Self {
-        self.keys = keys;
-        self
-    }
-
-    fn with_body(mut self, body: RandomBody) -> Self {
-        self.body = body;
-        self
-    }
-
-    /// Channels that are simpler in one thing.
     fn simpler(self) -> Vec<Self> {
         let fewer = self.keys.simpler().map(|keys| self.with_keys(keys));
         let keeps_nerve = |body: &RandomBody| body.nerve[0] > 0 || self.twin != Twin::Priority;
         let smaller = self.body.simpler().into_iter().filter(keeps_nerve);
         fewer.chain(smaller.map(|body| self.with_body(body))).collect()
-    }
-
-    /// The disagreements in one line, if there are any.
-    fn told(self) -> Option<String> {
-        let said = self.disagreements();
-        (!said.is_empty()).then(|| said.join("; ").replace('\n', "; ").replace('|', "/"))
     }
 }
 
@@ -215,18 +207,6 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
 pub(super) fn agree(numbers: impl IntoIterator<Item = u64>, progress: &dyn Progress) -> Table {
     let numbers: Vec<u64> = numbers.into_iter().collect();
     let title = format!("{} random channels: plan, verify, simulate, export, and a twin", numbers.len());
-    let mut table = Table::new("agree-channels", title, &["case", "disagrees", "as simple as"]);
-    for [case, said, simple] in numbers.par_iter().filter_map(|n| row(*n)).collect::<Vec<_>>() {
-        let shortfall = format!("channel {case}: {said}; as simple as {simple}");
-        progress.note(&shortfall);
-        table.shortfalls.push(shortfall);
-        table.push(vec![case, said, simple]);
-    }
-    table
-}
-
-fn row(number: u64) -> Option<[String; 3]> {
-    let (said, simplest) =
-        simplest(RandomChannel::draw(number), RandomChannel::told, RandomChannel::simpler)?;
-    Some([number.to_string(), said, simplest])
+    let table = Table::new("agree-channels", title, &["case", "disagrees", "as simple as"]);
+    list_wrong::<RandomChannel>(table, &numbers, progress)
 }

@@ -178,29 +178,53 @@ pub fn shrink(body: RandomBody, fails: impl Fn(RandomBody) -> bool) -> RandomBod
     body
 }
 
-/// What is wrong with a case, and the case as simple as something is wrong with it, in words; `None` where nothing is.
-pub(super) fn simplest<T: Copy + std::fmt::Debug>(
-    drawn: T,
-    told: impl Fn(T) -> Option<String>,
-    simpler: impl Fn(T) -> Vec<T>,
-) -> Option<(String, String)> {
-    let said = told(drawn)?;
-    let (mut simplest, mut why) = (drawn, said.clone());
-    // the loop ends, because every step sets a number to its simplest value
-    while let Some(next) = simpler(simplest).into_iter().find_map(|case| Some((case, told(case)?))) {
-        (simplest, why) = next;
+/// A random case that may be simpler.
+pub(super) trait Drawn: Copy + std::fmt::Debug {
+    /// The case with this number.
+    fn draw(number: u64) -> Self;
+    /// Where programs disagree; empty where they agree.
+    fn disagreements(self) -> Vec<String>;
+    /// Cases that are simpler in one thing.
+    fn simpler(self) -> Vec<Self>;
+}
+
+/// Number of cases after which disagreements are told.
+const PORTION: usize = 50;
+
+/// Lists in a table what is wrong with the cases of some numbers, each with the case as simple as something is wrong with it.
+pub(super) fn list_wrong<T: Drawn>(mut table: Table, numbers: &[u64], progress: &dyn Progress) -> Table {
+    let told = |case: T| {
+        let said = case.disagreements();
+        (!said.is_empty()).then(|| said.join("; ").replace('\n', "; ").replace('|', "/"))
+    };
+    let row = |number: &u64| {
+        let mut simplest = T::draw(*number);
+        let said = told(simplest)?;
+        let mut why = said.clone();
+        // the loop ends, because every step sets a number to its simplest value
+        while let Some(next) = simplest.simpler().into_iter().find_map(|case| Some((case, told(case)?))) {
+            (simplest, why) = next;
+        }
+        Some([number.to_string(), said, format!("{simplest:?}: {why}")])
+    };
+    for portion in numbers.chunks(PORTION) {
+        for [case, said, simple] in portion.par_iter().filter_map(row).collect::<Vec<_>>() {
+            let shortfall = format!("case {case}: {said}; as simple as {simple}");
+            progress.note(&shortfall);
+            table.shortfalls.push(shortfall);
+            table.push(vec![case, said, simple]);
+        }
     }
-    Some((said, format!("{simplest:?}: {why}")))
+    table
 }
 
 /// Runs bodies 0 to `count`; lists the results, and the simplified form of each body that failed.
 pub fn random_scenes(count: u64, progress: &dyn Progress) -> Table {
-    const PORTION: u64 = 50;
     let mut table =
         Table::new("random-scenes", format!("{count} random bodies"), &["ended", "bodies", "an example"]);
     let mut ends: Vec<(u64, End)> = Vec::new();
-    for first in (0..count).step_by(PORTION as usize) {
-        let portion: Vec<u64> = (first..(first + PORTION).min(count)).collect();
+    for first in (0..count).step_by(PORTION) {
+        let portion: Vec<u64> = (first..(first + PORTION as u64).min(count)).collect();
         let run_one = |n: &u64| (*n, run(&RandomBody::draw(*n).scene()));
         ends.extend(portion.par_iter().map(run_one).collect::<Vec<_>>());
         progress.advance(ends.len(), count as usize);

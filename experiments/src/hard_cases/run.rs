@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan};
+use bonemill_planner::plan::{PlanFileError, PlanRecord, Replace, StagedDirectory, StoredPlan};
 use bonemill_planner::report::CtSlices;
 use bonemill_planner::save;
 use bonemill_planner::verify::{Check, verify};
@@ -119,22 +119,18 @@ fn run_in(scene: &Scene, folder: &Path, judge: &mut dyn FnMut(&StoredPlan) -> Ve
             End::Refused(error.to_string())
         }
     };
-    let staged =
-        || -> Told<StagedDirectory> { Ok(StagedDirectory::create(&folder.join("plan"), Replace::Plan)?) };
-    let load = |staged: StagedDirectory| -> Told<StoredPlan> { Ok(StoredPlan::load(&staged.commit()?)?) };
+    let stored = |fill: &dyn Fn(&StagedDirectory) -> Result<PlanRecord, PlanFileError>| -> Told<StoredPlan> {
+        let staged = StagedDirectory::create(&folder.join("plan"), Replace::Plan)?;
+        fill(&staged)?;
+        Ok(StoredPlan::load(&staged.commit()?)?)
+    };
     let stored = match case.job.channel() {
         Some(spec) => match bonemill_planner::channel::plan(&case, spec, &case_path, &Quiet) {
-            Ok(plan) => staged().and_then(|staged| {
-                save::channel(&plan, &case_path, &staged, CtSlices::Shown)?;
-                load(staged)
-            }),
+            Ok(plan) => stored(&|staged| save::channel(&plan, &case_path, staged, CtSlices::Shown)),
             Err(error) => return refused(error),
         },
         None => match bonemill_planner::plan(&case, &case_path, &Quiet) {
-            Ok(plan) => staged().and_then(|staged| {
-                save::plan(&plan, &case_path, &staged, CtSlices::Shown)?;
-                load(staged)
-            }),
+            Ok(plan) => stored(&|staged| save::plan(&plan, &case_path, staged, CtSlices::Shown)),
             Err(error) => return refused(error),
         },
     };
