@@ -88,6 +88,23 @@ impl References {
     }
 }
 
+/// What an attempt aims at.
+struct Asked {
+    /// Time of the plan, s, if it is to be met.
+    total_s: Option<f64>,
+    straight: Option<Straight>,
+    /// See [`Start::most_overall`].
+    most_overall: Option<f64>,
+    goal: Option<Goal>,
+    bounds: Option<Bounds>,
+}
+
+/// A path, and its axes and motion where they were chosen already.
+struct Begun<'a> {
+    prepared: Prepared<'a>,
+    first: Option<(Chosen, ArmMotion)>,
+}
+
 impl<'a> Start<'a> {
     /// A path along the lines that are chosen, with what is free on it.
     ///
@@ -116,16 +133,14 @@ impl<'a> Start<'a> {
             let straight = self.straight(&references, lines.straight, self.most_overall(&controls))?;
             Ok::<_, PlanError>((controls, straight))
         })?;
-        let mut along = |puts_off: bool| {
-            let prepared = Prepared::new(self, &freedom, lines.plan, None, watch)?;
-            let freedom = puts_off.then_some(&freedom);
-            self.attempt((prepared, freedom), &references, (&controls, straight.clone()), watch)
-        };
-        let mut attempt = along(true)?;
+        let asked = self.asked(&references, straight, &controls);
+        let prepared = Prepared::new(self, &freedom, lines.plan, None, watch)?;
+        let (begun, plain) = self.put_off(prepared, &freedom, &asked, watch)?;
+        let mut attempt = self.attempt(begun, &asked, watch)?;
         // many cuts along a whole wall push less where they stand, and the way back to them may take too long
-        let is_short = |attempt: &Attempt| attempt.timing.missed.is_some() || attempt.excess > GAINS;
-        if is_short(&attempt) && attempt.prepared.reached.put_off() > 0 {
-            match along(false) {
+        let is_short = attempt.timing.missed.is_some() || attempt.excess > GAINS;
+        if let Some(plain) = plain.filter(|_| is_short) {
+            match self.attempt(plain, &asked, watch) {
                 Ok(plain) if plain.is_better_than_put_off(&attempt) => attempt = plain,
                 Err(error) if !error.is_infeasible() => return Err(error),
                 _ => {}
@@ -261,32 +276,44 @@ impl<'a> Start<'a> {
         Ok((reference_s, Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal })))
     }
 
-    /// Axes, motion and speeds for a path; with `freedom` cuts near structures may be put off.
+    /// What attempts aim at, beside the references in the plan's time.
+    fn asked(&self, references: &References, straight: Option<Straight>, controls: &[Reference]) -> Asked {
+        let is_optimal = self.case.orientation.mode == OrientationMode::Optimal;
+        let goal = self.goal(references, straight.as_ref()).filter(|_| is_optimal);
+        // figures are forces: they bound no plan that lowers deflections
+        let bounds =
+            straight.as_ref().filter(|_| goal.is_some() && self.case.cost.force == ForceTerm::Cutting);
+        Asked {
+            total_s: references.total_s,
+            bounds: bounds.map(|straight| Bounds::of(self.case, &straight.reference.forces, controls)),
+            most_overall: self.most_overall(controls),
+            straight,
+            goal,
+        }
+    }
+
+    /// Axes, motion and speeds for a path.
     fn attempt(
         &self,
-        (mut prepared, freedom): (Prepared<'a>, Option<&ShaftFreedom>),
-        references: &References,
-        (controls, straight): (&[Reference], Option<Straight>),
+        begun: Begun<'a>,
+        asked: &Asked,
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
-        let (case, mode) = (self.case, self.case.orientation.mode);
-        let goal = self.goal(references, straight.as_ref()).filter(|_| mode == OrientationMode::Optimal);
-        // figures are forces: they bound no plan that lowers deflections
-        let bounds = straight.as_ref().filter(|_| goal.is_some() && case.cost.force == ForceTerm::Cutting);
-        let bounds = bounds.map(|straight| Bounds::of(case, &straight.reference.forces, controls));
-        let (choices, chosen, motion) = self.axes((&mut prepared, freedom), goal, bounds.as_ref(), watch)?;
+        let (case, mode, bounds) = (self.case, self.case.orientation.mode, asked.bounds.as_ref());
+        let Begun { mut prepared, first } = begun;
+        let (choices, chosen, motion) = self.axes((&mut prepared, first), asked, watch)?;
         let demand = prepared.demand(&choices, &chosen)?;
-        let total_s = references.total_s;
+        let straight = asked.straight.as_ref().filter(|_| asked.goal.is_some());
         let aim = Aim {
-            total_s,
-            reference: straight.as_ref().filter(|_| goal.is_some()).map(|straight| straight.levels[0]),
-            most_overall: total_s.and(self.most_overall(controls)),
+            total_s: asked.total_s,
+            reference: straight.map(|straight| straight.levels[0]),
+            most_overall: asked.total_s.and(asked.most_overall),
         };
         let speed_input = demand.input(&prepared, &choices, &chosen);
         let (reached, joints) = (&prepared.reached, JointMotion::new(&motion, self.arm)?);
         let (timing, coverage) = watch.run("time law, coverage", || {
             rayon::join(
-                || self.timed(&prepared, &chosen, (&speed_input, &joints, &aim), bounds.as_ref()),
+                || self.timed(&prepared, &chosen, (&speed_input, &joints, &aim), bounds),
                 || {
                     let (path, dropped) = (&reached.path, &reached.dropped);
                     metrics::coverage(self.scene, self.space, &path.removal, &path.points, dropped)
@@ -298,57 +325,65 @@ impl<'a> Start<'a> {
         // refused here, before anything is written
         timing.driven.law.rows(case.robot.rate_hz)?;
         let excess = bounds.map_or(0.0, |bounds| bounds.excess(&plan));
-        let straight = straight.map(|straight| straight.reference);
+        let straight = asked.straight.as_ref().map(|straight| straight.reference.clone());
         let compared = Compared { controls: Vec::new(), straight, plan };
         let drafts = Vec::new();
         Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, excess, drafts, mode })
     }
 
-    /// Puts cuts that push toward a structure off to the end, when the bone around them is gone, as long as that lowers what they push; gives
-    /// the axes and the motion.
+    /// Puts cuts that push toward a structure off to the end, when the bone around them is gone, as long as that lowers what they push;
+    /// gives the path with them put off, and the plain one where that is another.
     fn put_off(
         &self,
-        (prepared, freedom): (&mut Prepared<'a>, &ShaftFreedom),
-        choices: &Choices,
+        prepared: Prepared<'a>,
+        freedom: &ShaftFreedom,
+        asked: &Asked,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, ArmMotion), PlanError> {
-        let mut found = prepared.choose_driven(choices, watch)?;
-        let mut pushing = prepared.pushing(&found.0);
+    ) -> Result<(Begun<'a>, Option<Begun<'a>>), PlanError> {
+        if asked.bounds.is_none() || self.case.speed.mode != SpeedMode::LeastForce {
+            return Ok((Begun { prepared, first: None }, None));
+        }
+        let choices = Choices { goal: asked.goal, ..Choices::of(self.case) };
+        let begin = |mut prepared: Prepared<'a>, watch: &mut Stopwatch| {
+            let first = prepared.choose_driven(&choices, watch)?;
+            let pushing = prepared.pushing(&first.0);
+            Ok::<_, PlanError>((Begun { prepared, first: Some(first) }, pushing))
+        };
+        let (mut begun, mut pushing) = begin(prepared, watch)?;
+        let mut plain = None;
         for _ in 0..MOST_PUT_OFF {
             if pushing.points.is_empty() {
                 break;
             }
-            let later = Some((&prepared.reached, &pushing.points));
-            let later = Prepared::new(self, freedom, prepared.raster(), later, watch)
-                .and_then(|mut later| later.choose_driven(choices, watch).map(|found| (later, found)));
-            let (later, next) = match later {
+            let before = &begun.prepared;
+            let later = Some((&before.reached, &pushing.points));
+            let later = Prepared::new(self, freedom, before.raster(), later, watch)
+                .and_then(|later| begin(later, watch));
+            let (later, still) = match later {
                 Err(error) if error.is_infeasible() => break,
                 later => later?,
             };
-            let still = later.pushing(&next.0);
-            let leaves_more = later.reached.dropped.len() > prepared.reached.dropped.len();
+            let leaves_more = later.prepared.reached.dropped.len() > before.reached.dropped.len();
             if leaves_more || still.sum_n >= pushing.sum_n {
                 break;
             }
-            (*prepared, found, pushing) = (later, next, still);
+            pushing = still;
+            let before = std::mem::replace(&mut begun, later);
+            plain.get_or_insert(before);
         }
-        Ok(found)
+        Ok((begun, plain))
     }
 
-    /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of help.
+    /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of
+    /// help. `first`: those that were chosen already.
     fn axes(
         &self,
-        (prepared, freedom): (&mut Prepared<'a>, Option<&ShaftFreedom>),
-        goal: Option<Goal>,
-        bounds: Option<&Bounds>,
+        (prepared, mut first): (&mut Prepared<'a>, Option<(Chosen, ArmMotion)>),
+        asked: &Asked,
         watch: &mut Stopwatch,
     ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
-        let mut choices = Choices { goal, ..Choices::of(self.case) };
-        let puts_off = bounds.is_some() && self.case.speed.mode == SpeedMode::LeastForce;
-        let mut first = match freedom.filter(|_| puts_off) {
-            Some(freedom) => Some(self.put_off((prepared, freedom), &choices, watch)?),
-            None => None,
-        };
+        let bounds = asked.bounds.as_ref();
+        let mut choices = Choices { goal: asked.goal, ..Choices::of(self.case) };
         // of the rounds with the most kept axes, the one that needs the least time under the reference's levels
         let mut best: Option<(usize, f64, Chosen, ArmMotion)> = None;
         for round in 1..=MOST_ROUNDS {

@@ -137,6 +137,11 @@ impl Levels {
 /// How much of a way to a level of 0 lies in the first steps of its parameter.
 const STEEPNESS: f64 = 9.0;
 
+/// Factors of a reference's levels at which the time is looked at first; then those this much larger or smaller, down to one that counts as 0.
+const NEAR_ONE: [f64; 2] = [1.1, 0.9];
+const WIDER: f64 = 1.5;
+const SMALLEST: f64 = 0.05;
+
 /// The time that levels may take.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeLimit {
@@ -204,10 +209,32 @@ pub fn least_along<E: Send>(
     limit: TimeLimit,
     time_s: impl Fn(&Levels) -> Result<f64, E> + Sync,
 ) -> Result<Levels, E> {
+    let TimeLimit { total_s, tolerance_s, evaluations } = limit;
     let (toward, overall) = (reference.toward.max(nothing), reference.overall.max(nothing));
     let times = (top.toward / toward).max(top.overall / overall).max(1.0);
     let from = Levels { toward: times * toward, overall: times * overall, ..top };
-    least_on_way([from, Levels { toward: 0.0, overall: 0.0, ..top }], limit, &time_s)
+    let to = Levels { toward: 0.0, overall: 0.0, ..top };
+    let at = |parameter: f64| from.lowered(&to, parameter);
+    let at_factor = |factor: f64| ((times - factor) / (times + STEEPNESS * factor)).clamp(0.0, 1.0);
+    let timed = |parameter: f64| Ok((parameter, time_s(&at(parameter))?));
+    // a plan that is like the reference has a factor near 1
+    let (higher, lower) = rayon::join(|| timed(at_factor(NEAR_ONE[0])), || timed(at_factor(NEAR_ONE[1])));
+    let (mut higher, mut lower) = (higher?, lower?);
+    let [mut most, mut least] = NEAR_ONE;
+    while higher.1 >= total_s && higher.0 > 0.0 {
+        most *= WIDER;
+        (lower, higher) = (higher, timed(at_factor(most))?);
+    }
+    while lower.1 <= total_s && lower.0 < 1.0 {
+        least /= WIDER;
+        (higher, lower) = (lower, timed(if least < SMALLEST { 1.0 } else { at_factor(least) })?);
+    }
+    if higher.1 >= total_s || lower.1 <= total_s {
+        return Ok(if lower.1 <= total_s { to } else { from });
+    }
+    Ok(at(last_within([higher, lower], total_s, tolerance_s, evaluations, |parameter| {
+        time_s(&at(parameter))
+    })?))
 }
 
 #[cfg(test)]
