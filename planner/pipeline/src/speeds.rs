@@ -19,7 +19,7 @@ use super::in_time::NOTHING_SHARE;
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.
 const AIR_SHARE: f64 = 0.02;
-/// Largest number of time laws computed to meet a total time on one way between speeds, besides those at its ends.
+/// Largest number of time laws computed to meet a total time on one way between speeds, besides those that look for a bracket.
 const TIME_EVALUATIONS: u32 = 60;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
 const TIME_TOLERANCE_S: f64 = 5e-3;
@@ -359,7 +359,8 @@ impl<'a> Cuts<'a> {
             Ok(self.moves.profile(|i| self.cap_under(&levels, i))?.move_mm_s)
         };
         let time_s = |levels: &Levels| duration_s(&caps(levels)?);
-        let levels = match aim.reference {
+        // a reference that fits the time at the least speed has no levels
+        let levels = match aim.reference.filter(|reference| reference.overall > 0.0) {
             Some(reference) => {
                 let nothing = NOTHING_SHARE * reference.overall.max(f64::MIN_POSITIVE);
                 least_along(reference, top, nothing, limit, time_s)?

@@ -137,10 +137,12 @@ impl Levels {
 /// How much of a way to a level of 0 lies in the first steps of its parameter.
 const STEEPNESS: f64 = 9.0;
 
-/// Factors of a reference's levels at which the time is looked at first; then those this much larger or smaller, down to one that counts as 0.
+/// Factors of a reference's levels at which the time is looked at first; then those this much larger or smaller, as long as they lie between two,
+/// and the ends of the way.
 const NEAR_ONE: [f64; 2] = [1.1, 0.9];
 const WIDER: f64 = 1.5;
 const SMALLEST: f64 = 0.05;
+const LARGEST: f64 = 20.0;
 
 /// The time that levels may take.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,7 +151,7 @@ pub struct TimeLimit {
     pub total_s: f64,
     /// How far below it a time may stay, s.
     pub tolerance_s: f64,
-    /// Largest number of evaluations of the time on each way between levels.
+    /// Largest number of evaluations of the time on each way between levels, besides those that look for a bracket.
     pub evaluations: u32,
 }
 
@@ -215,21 +217,29 @@ pub fn least_along<E: Send>(
     let from = Levels { toward: times * toward, overall: times * overall, ..top };
     let to = Levels { toward: 0.0, overall: 0.0, ..top };
     let at = |parameter: f64| from.lowered(&to, parameter);
-    let at_factor = |factor: f64| ((times - factor) / (times + STEEPNESS * factor)).clamp(0.0, 1.0);
+    let at_factor = |factor: f64| {
+        if factor > LARGEST {
+            0.0
+        } else if factor < SMALLEST {
+            1.0
+        } else {
+            ((times - factor) / (times + STEEPNESS * factor)).clamp(0.0, 1.0)
+        }
+    };
     let timed = |parameter: f64| Ok((parameter, time_s(&at(parameter))?));
     // a plan that is like the reference has a factor near 1
     let (higher, lower) = rayon::join(|| timed(at_factor(NEAR_ONE[0])), || timed(at_factor(NEAR_ONE[1])));
     let (mut higher, mut lower) = (higher?, lower?);
     let [mut most, mut least] = NEAR_ONE;
-    while higher.1 >= total_s && higher.0 > 0.0 {
+    while higher.1 > total_s && higher.0 > 0.0 {
         most *= WIDER;
         (lower, higher) = (higher, timed(at_factor(most))?);
     }
     while lower.1 <= total_s && lower.0 < 1.0 {
         least /= WIDER;
-        (higher, lower) = (lower, timed(if least < SMALLEST { 1.0 } else { at_factor(least) })?);
+        (higher, lower) = (lower, timed(at_factor(least))?);
     }
-    if higher.1 >= total_s || lower.1 <= total_s {
+    if higher.1 > total_s || lower.1 <= total_s {
         return Ok(if lower.1 <= total_s { to } else { from });
     }
     Ok(at(last_within([higher, lower], total_s, tolerance_s, evaluations, |parameter| {

@@ -30,7 +30,9 @@ fn what_no_cut_may_exceed_holds_where_the_time_cannot_be_met() {
         |caps: &[f64]| Ok::<f64, PlanError>(caps.iter().zip(&length_mm).map(|(v, mm)| mm / v).sum());
     // the ratio of the levels is another than that of the largest pushes: on its way L_o begins above the top
     let reference = Levels { toward: 0.05, overall: 1.0, speed_mm_s: case.speed.max_mm_s };
-    for reference in [None, Some(reference)] {
+    // one that takes no longer at the least speed has none
+    let none = Levels { toward: 0.0, overall: 0.0, ..reference };
+    for reference in [None, Some(reference), Some(none)] {
         let most = 1.5;
         let aim = Aim { total_s: Some(0.5), reference, most_overall: Some(most) };
         let found = cuts.caps_in_total(&aim, duration_s).unwrap();

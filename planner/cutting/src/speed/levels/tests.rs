@@ -131,18 +131,24 @@ proptest! {
         }
     }
 
-    /// Beside a reference that takes the same time, neither level is above the reference's, and the time is used up.
+    /// Beside a reference that takes no longer, neither level is above the reference's, and the time is used up but where all speeds are at
+    /// an end of their range.
     #[test]
-    fn levels_beside_a_reference_are_no_higher(path in path(0.0), share in 0.01f64..0.99, more in 0.0f64..0.5) {
+    fn levels_beside_a_reference_are_no_higher(path in path(0.0), share in 0.01f64..0.99, more in -0.9f64..3.0) {
         let limit = path.limit(share);
         let Ok(reference) = least_levels(path.top(), RANGE_MM_S[0], 0.1, limit, |levels| path.time_s(levels));
         prop_assume!(reference.toward > 1e-3 && reference.overall > 1e-3);
         let longer = TimeLimit { total_s: (1.0 + more) * limit.total_s, ..limit };
         let Ok(found) = least_along(reference, path.top(), 1e-9, longer, |levels| path.time_s(levels));
-        prop_assert!(found.toward <= reference.toward * (1.0 + 1e-6) && found.overall <= reference.overall * (1.0 + 1e-6));
+        let is_no_higher =
+            found.toward <= reference.toward * (1.0 + 1e-6) && found.overall <= reference.overall * (1.0 + 1e-6);
+        prop_assert!(more < 0.0 || is_no_higher);
         let ratio = found.toward * reference.overall - found.overall * reference.toward;
         prop_assert!(ratio.abs() < 1e-9 * reference.toward * reference.overall + 1e-12);
-        prop_assert!(path.profile(&found).time_s <= longer.total_s + 1e-9);
+        let profile = path.profile(&found);
+        let is_at = |end: f64| profile.move_mm_s.iter().all(|v| (v - end).abs() < 1e-9);
+        prop_assert!(profile.time_s <= longer.total_s + 1e-9 || is_at(RANGE_MM_S[1]));
+        prop_assert!(profile.time_s >= longer.total_s - longer.tolerance_s - 1e-9 || is_at(RANGE_MM_S[0]));
     }
 
     /// At the speed found the levels hold, and a little faster one does not.
