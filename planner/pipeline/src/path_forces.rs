@@ -41,7 +41,10 @@ const STRAIGHT_RAD: f64 = 1e-3;
 /// this share of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
-/// Where edges push without a chip, what they push toward a structure as they meet bone comes and goes within a few per cent of a move.
+/// A push toward a structure comes and goes within a shorter way as the burr meets bone. Without edges that push without a chip it counts where it
+/// differs by this share of the path's largest force.
+const APART_TOWARD: f64 = 0.03;
+const VARIES_TOWARD: f64 = 0.03;
 const APART_WITH_EDGES: f64 = 0.01;
 /// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
 /// known as finely.
@@ -322,7 +325,7 @@ impl ForcedPath<'_> {
     }
 
     /// Forces at places within every move of the driven path, given those at the ends of moves that are planned to remove something. They are
-    /// computed where the force varies, and where edges push also where its part toward one of the structures that are `near` does.
+    /// computed where the force varies, and where its part toward one of the structures that are `near` does.
     pub fn within(
         &self,
         (sampled, swept, near): (&SampledForce, &SweptPath, &[Vec<NearStructure>]),
@@ -331,7 +334,8 @@ impl ForcedPath<'_> {
     ) -> Vec<Vec<ForceWithin>> {
         let pushes = |force: &EngagedForce| force.force_n(sampled.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
-        let toward_apart = if sampled.has_edges { APART_WITH_EDGES } else { f64::INFINITY };
+        let [toward_apart, toward_least] =
+            if sampled.has_edges { [APART_WITH_EDGES, VARIES_LEAST] } else { [APART_TOWARD, VARIES_TOWARD] };
         let of_move = |i: usize| {
             let at = |share: f64| {
                 let weight = |density| sampled.weight(density);
@@ -355,15 +359,15 @@ impl ForcedPath<'_> {
             let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
             while let Some([from, to]) = pairs.pop() {
                 let [a, b] = [pushes(&from.1), pushes(&to.1)];
-                let varies = |change_n: f64, largest_here_n: f64| {
-                    change_n > sampled.force_change * largest_here_n + VARIES_LEAST * largest_n
+                let varies = |change_n: f64, largest_here_n: f64, least: f64| {
+                    change_n > sampled.force_change * largest_here_n + least * largest_n
                 };
                 let varies_toward = |n: &NearStructure| {
                     let [a, b] = [n.most(&a, from.0), n.most(&b, to.0)];
-                    varies((a - b).abs(), a.max(b).max(0.0))
+                    varies((a - b).abs(), a.max(b).max(0.0), toward_least)
                 };
                 let apart = to.0 - from.0;
-                let varies = apart > APART && varies((a - b).norm(), a.norm().max(b.norm()))
+                let varies = apart > APART && varies((a - b).norm(), a.norm().max(b.norm()), VARIES_LEAST)
                     || apart > toward_apart && near[i].iter().any(varies_toward);
                 if !varies {
                     continue;
