@@ -4,6 +4,7 @@ use std::fs;
 
 use crate::support::figures::figure;
 use crate::support::{body, place::Place};
+use bonemill_planner::cutter::MoveKind;
 use bonemill_planner::plan::{StoredPlan, Waypoint};
 
 /// A case in which nothing is chosen: straight shaft, one speed, lines along work x.
@@ -173,6 +174,12 @@ fn a_plan_takes_the_time_of_a_plain_one_and_is_nowhere_above_a_straight_shaft() 
     let peaks = ["plan", "straight", "control_1"].map(|who| of(who, "peak_force_n"));
     assert!(peaks[0] <= peaks[1] * 1.02, "peaks {peaks:?}");
     assert!(of("plan", "peak_force_n") < of("control_1", "peak_force_n"));
+    // no cap that the arm does not reach, but the slowest
+    let least_mm_s = plan.record.case.speed.min_mm_s;
+    let is_reached = |w: &&Waypoint| w.speed_mm_s <= (1.05 * w.driven_mm_s).max(least_mm_s);
+    let cuts = plan.waypoints.iter().filter(|w| w.kind == MoveKind::Cut && w.driven_mm_s > 0.0);
+    assert_eq!(cuts.clone().find(|w| !is_reached(w)), None);
+    assert!(cuts.count() > 100);
 }
 
 /// A cap on force slows what pushes, not the moves on the way.

@@ -468,4 +468,16 @@ mod tests {
         // what cannot be read agrees with nothing
         assert_eq!(plan.differ(&twin(18.55, f64::NAN), true).len(), 1);
     }
+
+    #[test]
+    fn a_refusal_along_an_approach_that_was_chosen_tells_the_others() {
+        let (end, _) = judged(&RandomCase::draw(2120).twin());
+        let End::Refused(why) = end else { panic!("{end}") };
+        assert!(
+            why.contains("can reach no voxel")
+                && why.contains("was chosen")
+                && why.contains("% of them along"),
+            "{why}"
+        );
+    }
 }

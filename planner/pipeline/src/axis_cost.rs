@@ -6,8 +6,8 @@
 //! slowness(a) = max( max_s w_s max(0, F·û_s)/L_t, |F|/L_o, 1/v_max )     forces per mm/s
 //! ```
 //!
-//! To it a small share of the sum of the first two is added, so that of axes that take the same time the one with less force is chosen, and a
-//! smaller one still of 1 − I_n: inertia decides between axes that the levels leave equal. With `cost.force = "deflection"`
+//! To it the sum of the first two is added, so that of axes that take nearly the same time the one with less force is chosen, and a
+//! small share of 1 − I_n: inertia decides between axes that the levels leave equal. With `cost.force = "deflection"`
 //! the deflection C F takes the place of F.
 
 use bonemill_case::SpeedSpec;
@@ -26,7 +26,7 @@ use super::sampled::SampledForce;
 /// Below this weight of forces in Dillon's cost they are left out. The choice is then worse by less than this weight; the plan records
 /// the largest possible loss ([`super::Modelled::closed_form_error`]).
 pub const FORCE_MATTERS: f64 = 1e-2;
-/// Share of |F|/L_o + w F/L_t that is added to the time.
+/// Share of |F|/L_o + w F/L_t that is added to the time: assumed.
 const SUM_SHARE: f64 = 1.0;
 /// Time that a cut costs which pushes twice as much as any may at the least speed, s per mm.
 const BEYOND_S_MM: f64 = 500.0;

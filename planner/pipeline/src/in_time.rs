@@ -2,8 +2,8 @@
 //!
 //! For given levels the dynamic program ([`bonemill_toolpath::orientation::sequence`]) finds the sequence that takes the least time.
 //! The levels are those of a straight shaft in the same time, both times one factor κ, and κ is lowered until the least time is the one
-//! that may be taken. The straight shaft itself is among the sequences, with κ = 1 and no turn, so a turn is made only where the cuts
-//! gain more time than it takes. Each factor that is tried costs one run of the program over pushes that are computed once.
+//! that may be taken. A straight shaft along the plan's own lines is among the sequences, so a turn is made only where the cuts gain more than
+//! it takes; the reference's lines may be others. Each factor that is tried costs one run of the program over pushes that are computed once.
 
 use bonemill_cutting::burr::EngagedSamples;
 use bonemill_cutting::speed::Levels;
@@ -97,27 +97,28 @@ pub(super) fn least_levels(
         };
         (seconds[0], UnderLevels { levels, cost, found, seconds })
     };
-    // the time is nearly linear in 1/factor
-    let mut tried: Vec<[f64; 2]> = Vec::new();
-    let (mut factor, mut best) = (1.0, None);
-    for _ in 0..FACTORS_TRIED {
+    least_factor(goal.seconds, run)
+}
+
+/// The result at the least factor that is found whose time may be taken, or at a factor of 1 where none may; `run` gives the time under a
+/// factor, s. The time is nearly linear in 1/factor.
+fn least_factor<T>(seconds: f64, run: impl Fn(f64) -> (f64, T)) -> T {
+    let is_fit = |took_s: f64| took_s <= seconds * (1.0 + NEAR_SHARE);
+    let (mut factor, (mut took_s, mut best)) = (1.0, run(1.0));
+    let (mut least, mut fits) = (factor, is_fit(took_s));
+    let mut tried = vec![[1.0 / factor, took_s]];
+    while tried.len() < FACTORS_TRIED && took_s.is_finite() && (took_s - seconds).abs() > NEAR_SHARE * seconds
+    {
         cancel::poll();
-        let (took_s, under) = run(factor);
-        let is_fit = took_s <= goal.seconds * (1.0 + NEAR_SHARE);
-        if best
-            .as_ref()
-            .is_none_or(|(fits, of, _): &(bool, f64, UnderLevels)| is_fit && (!fits || factor < *of))
-        {
-            best = Some((is_fit, factor, under));
+        factor = next_factor(&tried, seconds);
+        let found;
+        (took_s, found) = run(factor);
+        if is_fit(took_s) && (!fits || factor < least) {
+            (best, least, fits) = (found, factor, true);
         }
         tried.push([1.0 / factor, took_s]);
-        if (took_s - goal.seconds).abs() <= NEAR_SHARE * goal.seconds || !took_s.is_finite() {
-            break;
-        }
-        factor = next_factor(&tried, goal.seconds);
     }
-    // the loop runs at least once
-    best.map_or_else(|| run(1.0).1, |(.., under)| under)
+    best
 }
 
 /// The best sequence under the reference's levels over some waypoints of a draft; none where no sequence gets through.
@@ -208,4 +209,46 @@ fn seconds(
         [own * length_mm + waits_s, waits_s]
     };
     (0..sequence.len()).map(of).fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The factor that is found, and how many are tried.
+    fn found(time_s: impl Fn(f64) -> f64, seconds: f64) -> (f64, usize) {
+        let tried = std::cell::Cell::new(0);
+        let factor = least_factor(seconds, |factor| {
+            tried.set(tried.get() + 1);
+            (time_s(factor), factor)
+        });
+        (factor, tried.get())
+    }
+
+    #[test]
+    fn the_least_factor_whose_time_may_be_taken_is_found() {
+        let smooth = |factor: f64| 300.0 + 500.0 / factor;
+        // turns keep the cuts waiting, and some cuts are as fast as they may be
+        let bent = |factor: f64| 200.0 + 300.0 / factor.powf(0.6) + 100.0 * (0.8 / factor).max(1.0);
+        for time_s in [&smooth as &dyn Fn(f64) -> f64, &bent] {
+            for seconds in [600.0, 700.0, 800.0, 1000.0] {
+                let (factor, tried) = found(time_s, seconds);
+                let took_s = time_s(factor);
+                assert!(
+                    (took_s / seconds - 1.0).abs() <= 2.0 * NEAR_SHARE,
+                    "{seconds}: {took_s} s at {factor}"
+                );
+                assert!(took_s <= seconds * (1.0 + NEAR_SHARE) && tried <= FACTORS_TRIED);
+            }
+        }
+    }
+
+    #[test]
+    fn where_no_time_or_every_time_may_be_taken_the_search_ends() {
+        assert_eq!(found(|_| f64::INFINITY, 100.0), (1.0, 1));
+        // all fit: the least factor
+        assert_eq!(found(|_| 50.0, 100.0).0, FACTORS[0]);
+        // none fits: the one that was tried first
+        assert_eq!(found(|factor| 1000.0 + 1.0 / factor, 100.0).0, 1.0);
+    }
 }

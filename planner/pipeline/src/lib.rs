@@ -57,7 +57,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
-use bonemill_toolpath::scene::Scene;
+use bonemill_toolpath::scene::{ChosenWay, Scene};
 use bonemill_toolpath::space::BurrSpace;
 use start::Start;
 
@@ -92,6 +92,17 @@ pub use speed_levels::{Exceeded, SpeedLevels};
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch::new(progress);
     let setup = Setup::read(case, case_path, &mut watch)?;
+    let way = setup.scene.way.as_ref().map(ChosenWay::text);
+    planned(case, setup, watch).map_err(|error| match way {
+        Some(way) if error.is_infeasible() || matches!(error, PlanError::NothingReachable { .. }) => {
+            PlanError::AlongChosen { way, source: Box::new(error) }
+        }
+        _ => error,
+    })
+}
+
+/// Plans a case whose inputs are read.
+fn planned(case: &Case, setup: Setup, mut watch: Stopwatch) -> Result<Plan, PlanError> {
     let space = watch.run("free space", || free_space(&setup.case, &setup.scene))?;
     let solid = watch.run("solid", || shank_obstacles(&setup.case, &setup.scene));
     let reversed = spin::reversed(&setup.case);

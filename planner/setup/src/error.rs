@@ -210,6 +210,14 @@ pub enum PlanError {
     /// The cost uses the deflection, and the case gives no stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
+    /// No plan is possible along an approach that was chosen.
+    #[error("{source}. {way}: give the direction")]
+    AlongChosen {
+        /// How it was chosen, with others.
+        way: String,
+        /// Why not.
+        source: Box<PlanError>,
+    },
     /// The burr reaches nothing of the target.
     #[error("a burr of radius {radius_mm} mm can reach no voxel of the target: {reason}")]
     NothingReachable {
@@ -246,6 +254,7 @@ impl PlanError {
     pub fn is_infeasible(&self) -> bool {
         match self {
             Self::Channel(fault) => fault.is_infeasible(),
+            Self::AlongChosen { source, .. } => source.is_infeasible(),
             _ => {
                 matches!(
                     self,
@@ -283,6 +292,7 @@ impl PlanError {
             Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
+            Self::AlongChosen { source, .. } => return source.key(case, folder),
             Self::Mount(_) => "robot.flange_from_burr",
             Self::OutOfReach { .. }
             | Self::TooFar { .. }

@@ -170,7 +170,7 @@ pub const METRICS: &[Column] = &[
         "structures.NAME.mean_force_toward_n",
         "N",
         "",
-        "Mean force toward it over the time in which there is one.",
+        "Mean force toward it over the time of the moves that push toward it.",
     ),
     Column::new(
         "structures.NAME.mean_force_toward_with_zeros_n",
@@ -182,7 +182,7 @@ pub const METRICS: &[Column] = &[
         "structures.NAME.p75_force_toward_n",
         "N",
         "",
-        "75th percentile over the time in which there is one.",
+        "75th percentile over the time of the moves that push toward it.",
     ),
     Column::new(
         "structures.NAME.p75_force_toward_with_zeros_n",
@@ -202,7 +202,7 @@ pub const METRICS: &[Column] = &[
         "structures.NAME.near.mean_force_toward_n",
         "N",
         "",
-        "Mean force toward it over the time in which there is one while the burr's surface is within 2 mm of it.",
+        "Mean force toward it over the time of the moves that push toward it while the burr's surface is within 2 mm of it.",
     ),
     Column::new(
         "structures.NAME.near.mean_force_toward_with_zeros_n",
@@ -214,7 +214,7 @@ pub const METRICS: &[Column] = &[
         "structures.NAME.near.p75_force_toward_n",
         "N",
         "",
-        "75th percentile over the time in which there is one while the burr's surface is within 2 mm of it.",
+        "75th percentile over the time of the moves that push toward it while the burr's surface is within 2 mm of it.",
     ),
     Column::new(
         "structures.NAME.near.p75_force_toward_with_zeros_n",
@@ -255,7 +255,7 @@ pub const METRICS: &[Column] = &[
         "compared.WHO.near.NAME.mean_force_toward_n",
         "N",
         "",
-        "Mean force toward it over the part of that time in which there is one.",
+        "Mean force toward it over the part of that time in which moves push toward it.",
     ),
     Column::new(
         "compared.WHO.near.NAME.mean_force_toward_with_zeros_n",
@@ -267,7 +267,7 @@ pub const METRICS: &[Column] = &[
         "compared.WHO.near.NAME.p75_force_toward_n",
         "N",
         "",
-        "75th percentile over the part of that time in which there is one.",
+        "75th percentile over the part of that time in which moves push toward it.",
     ),
     Column::new(
         "compared.WHO.near.NAME.p75_force_toward_with_zeros_n",

@@ -153,15 +153,16 @@ pub fn figures(simulation: &Simulation, record: &PlanRecord) -> Vec<(String, Str
                 let keys = [&["structures", structure.name.as_str()], keys].concat();
                 metrics.number_at(&keys)
             };
-            let [far, near] = [
+            let [far, near, mean] = [
                 beside(peak_n, stated(&["peak_force_toward_n"])),
                 beside(found.near.peak_n, stated(&["near", "peak_force_toward_n"])),
+                beside(found.near.mean_n, stated(&["near", "mean_force_toward_n"])),
             ];
             out.push((
                 name,
                 format!(
-                    "{peak_n:.3} N at {time_s:.2} s{far}; {:.3} N within 2 mm of it{near}",
-                    found.near.peak_n
+                    "{peak_n:.3} N at {time_s:.2} s{far}; {:.3} N within 2 mm of it{near}, mean {:.3} N{mean}",
+                    found.near.peak_n, found.near.mean_n
                 ),
             ));
         }

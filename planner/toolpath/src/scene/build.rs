@@ -15,8 +15,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull,
-    labels, mask, obstacles, touching, way_in,
+    ApproachSpec, ChosenWay, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target,
+    hull, labels, mask, obstacles, touching, way_in,
 };
 
 /// Coarse voxel of what lies beyond the work grid, mm.
@@ -104,8 +104,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let target = drawn.points();
     let region = structure_region(spec, &target);
     let structures = structure_fields(spec, &region)?;
-    let (approach, chosen) = way_in::approach(spec, (&target, &region), &structures)?;
-    warnings.extend(chosen.map(|chosen| chosen.text()));
+    let (approach, way) = way_in::approach(spec, (&target, &region), &structures)?;
+    warnings.extend(way.as_ref().map(ChosenWay::text));
     let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &drawn, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     cancel::poll();
@@ -150,6 +150,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         ct_from_work,
         turn_rad,
         approach,
+        way,
         hu,
         density_g_cm3,
         matter,

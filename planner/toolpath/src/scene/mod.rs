@@ -84,6 +84,8 @@ pub struct Scene {
     pub turn_rad: f64,
     /// Approach used: unit, out of the bone.
     pub approach: Vector3<f64>,
+    /// How it was chosen, if it was not given.
+    pub way: Option<ChosenWay>,
     /// Hounsfield units.
     pub hu: Volume<f32, Work>,
     /// Density of each voxel, g/cm³: 0 unless it has [`Class::HAS_MASS`].
