@@ -5,7 +5,7 @@ use bonemill_verify::Short;
 use super::{Comparison, lines};
 
 /// Group and name of a figure, what it is in words, and its factor; `*` stands for the structure that is most important.
-const FIGURES: [(&str, &str, &str, f64); 17] = [
+const FIGURES: [(&str, &str, &str, f64); 15] = [
     ("rest", "removed_share", "target removed, %", 100.0),
     ("volumes", "removed_bone_mm3", "bone removed, mm³", 1.0),
     (
@@ -29,13 +29,6 @@ const FIGURES: [(&str, &str, &str, f64); 17] = [
         1.0,
     ),
     ("forces", "compared.straight.near.*.peak_force_toward_n", "    peak", 1.0),
-    (
-        "forces",
-        "compared.control_1.near.*.mean_force_toward_n",
-        "  of a straight shaft at one speed in that time: mean",
-        1.0,
-    ),
-    ("forces", "compared.control_2.near.*.mean_force_toward_n", "    with lines across: mean", 1.0),
     ("rest", "kept.*.clearance_mm", "least distance of the tool's surface from *, mm", 1.0),
     ("rest", "kept.*.touch_probability", "probability of touching *", 1.0),
 ];
