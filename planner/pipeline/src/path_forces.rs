@@ -45,6 +45,7 @@ const APART: f64 = 0.07;
 /// differs by this share of the path's largest force.
 const APART_TOWARD: f64 = 0.03;
 const VARIES_TOWARD: f64 = 0.03;
+/// The same distance where edges push without a chip.
 const APART_WITH_EDGES: f64 = 0.01;
 /// The place within a move with the largest force is looked at finely where that is larger than this share of the move's largest that is
 /// known as finely.

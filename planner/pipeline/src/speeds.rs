@@ -362,7 +362,7 @@ impl<'a> Cuts<'a> {
         // a reference that fits the time at the least speed has no levels
         let levels = match aim.reference.filter(|reference| reference.overall > 0.0) {
             Some(reference) => {
-                let nothing = NOTHING_SHARE * reference.overall.max(f64::MIN_POSITIVE);
+                let nothing = NOTHING_SHARE * reference.overall;
                 least_along(reference, top, nothing, limit, time_s)?
             }
             None => least_levels(top, self.spec.min_mm_s, self.spec.force_room, limit, time_s)?,

@@ -161,18 +161,32 @@ fn least_on_way<E: Send>(
     limit: TimeLimit,
     time_s: &(impl Fn(&Levels) -> Result<f64, E> + Sync),
 ) -> Result<Levels, E> {
-    let TimeLimit { total_s, tolerance_s, evaluations } = limit;
     if from == to {
         return Ok(from);
     }
     let (shortest_s, longest_s) = rayon::join(|| time_s(&from), || time_s(&to));
-    let ends_s = [shortest_s?, longest_s?];
-    if ends_s[0] >= total_s || ends_s[1] <= total_s {
-        return Ok(if ends_s[1] <= total_s { to } else { from });
+    last_between([from, to], [(0.0, shortest_s?), (1.0, longest_s?)], limit, time_s)
+}
+
+/// The least levels on a way that keep the time, between two of its places, each with its time, s; where it is met nowhere between them,
+/// an end of the way.
+fn last_between<E: Send>(
+    [from, to]: [Levels; 2],
+    [higher, lower]: [(f64, f64); 2],
+    limit: TimeLimit,
+    time_s: &(impl Fn(&Levels) -> Result<f64, E> + Sync),
+) -> Result<Levels, E> {
+    let TimeLimit { total_s, tolerance_s, evaluations } = limit;
+    if lower.1 <= total_s {
+        return Ok(to);
     }
-    let bracket = [(0.0, ends_s[0]), (1.0, ends_s[1])];
+    if higher.1 > total_s {
+        return Ok(from);
+    }
     let at = |parameter: f64| from.lowered(&to, parameter);
-    Ok(at(last_within(bracket, total_s, tolerance_s, evaluations, |parameter| time_s(&at(parameter)))?))
+    Ok(at(last_within([higher, lower], total_s, tolerance_s, evaluations, |parameter| {
+        time_s(&at(parameter))
+    })?))
 }
 
 /// The least levels in a time, from `top` down to the least speed, mm/s: first L_o, which may then rise by the share `room`, then L_t.
@@ -211,7 +225,7 @@ pub fn least_along<E: Send>(
     limit: TimeLimit,
     time_s: impl Fn(&Levels) -> Result<f64, E> + Sync,
 ) -> Result<Levels, E> {
-    let TimeLimit { total_s, tolerance_s, evaluations } = limit;
+    let total_s = limit.total_s;
     let (toward, overall) = (reference.toward.max(nothing), reference.overall.max(nothing));
     let times = (top.toward / toward).max(top.overall / overall).max(1.0);
     let from = Levels { toward: times * toward, overall: times * overall, ..top };
@@ -239,12 +253,7 @@ pub fn least_along<E: Send>(
         least /= WIDER;
         (higher, lower) = (lower, timed(at_factor(least))?);
     }
-    if higher.1 > total_s || lower.1 <= total_s {
-        return Ok(if lower.1 <= total_s { to } else { from });
-    }
-    Ok(at(last_within([higher, lower], total_s, tolerance_s, evaluations, |parameter| {
-        time_s(&at(parameter))
-    })?))
+    last_between([from, to], [higher, lower], limit, &time_s)
 }
 
 #[cfg(test)]
