@@ -105,13 +105,18 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
 /// The sampled poses: the first, the last, and poses between them that are at most [`EVERY_MM`] of path and [`EVERY_RAD`] of
 /// turning apart where the path allows.
 pub(super) fn some_poses(path: &PosePath<'_>) -> Vec<usize> {
+    poses_every(path, EVERY_MM)
+}
+
+/// The same for another length of path.
+pub(super) fn poses_every(path: &PosePath<'_>, every_mm: f64) -> Vec<usize> {
     let poses = path.poses;
     let (mut some, mut along_mm) = (vec![0], 0.0);
     for i in 1..poses.len() {
         // if this pose is too far from the last sampled one, the pose before it is sampled
         along_mm += path.length_mm[i];
         let last = some[some.len() - 1];
-        let is_far = along_mm > EVERY_MM || poses[last].axis.angle(&poses[i].axis) > EVERY_RAD;
+        let is_far = along_mm > every_mm || poses[last].axis.angle(&poses[i].axis) > EVERY_RAD;
         if is_far && last < i - 1 {
             some.push(i - 1);
             along_mm = path.length_mm[i];
@@ -256,7 +261,7 @@ impl<'a> Nodes<'a> {
         let chosen = self.best_sequence(at, end)?;
         let sampled_rad = between(&chosen.roll_rad, at, path.length_mm);
         let mut roll_rad = sampled_rad.clone();
-        even_out(&mut roll_rad, path.length_mm);
+        even_out(&mut roll_rad, path.length_mm, STEP_RAD);
         let follower = Follower { arm, frame: path.frame, branch: chosen.branch };
         // sampled rolls were tested; smoothed rolls are tested again here
         follow(&follower, path, &roll_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))

@@ -48,7 +48,7 @@ pub(super) fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<
 }
 
 /// Smooths the sampled rolls, weighted by the moves' lengths. No roll moves more than one step from its sample.
-pub(super) fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
+pub(super) fn even_out(roll_rad: &mut [f64], length_mm: &[f64], step_rad: f64) {
     let sampled = roll_rad.to_vec();
     for sweep in 0..SWEEPS {
         // sweeps alternate in direction, so that a change spreads both ways
@@ -56,7 +56,7 @@ pub(super) fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
         let visit = |i: usize, rolls: &mut [f64]| {
             let [before, after] = [i, i + 1].map(|k| length_mm[k].max(SHORTEST_MM));
             let even = (rolls[i - 1] * after + rolls[i + 1] * before) / (before + after);
-            rolls[i] = even.clamp(sampled[i] - STEP_RAD, sampled[i] + STEP_RAD);
+            rolls[i] = even.clamp(sampled[i] - step_rad, sampled[i] + step_rad);
         };
         if sweep % 2 == 0 {
             inner.for_each(|i| visit(i, roll_rad));

@@ -349,3 +349,65 @@ fn stiffness_toward_a_structure_changes_the_posture() {
     let [plain, stiff] = yields(&ur5e(FRAC_PI_2 / 2.0)).map(|yields| yields.into_iter().fold(0.0, f64::max));
     assert!(stiff < 0.8 * plain, "{stiff} against {plain}");
 }
+
+/// An arm of seven joints with shoulder and wrist like those of a KUKA LBR iiwa, or with the offsets of a Franka's elbow and wrist (`elbow_m`, `wrist_m`).
+fn seven(elbow_m: f64, wrist_m: f64) -> Arm {
+    let joint = |n: usize, origin: &str, axis: &str, limits: [f64; 2], speed: f64| {
+        format!(
+            "<joint name=\"a{n}\" type=\"revolute\"><parent link=\"l{}\"/><child link=\"l{n}\"/><origin xyz=\"{origin}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"{}\" upper=\"{}\" velocity=\"{speed}\" effort=\"1\"/></joint>",
+            n - 1,
+            limits[0],
+            limits[1]
+        )
+    };
+    let links: String = (0..8).map(|n| format!("<link name=\"l{n}\"/>")).collect();
+    let bends = if elbow_m > 0.0 { [-0.07, 3.07] } else { [-2.09, 2.09] };
+    let joints = [
+        joint(1, "0 0 0.36", "0 0 1", [-2.96, 2.96], 1.7),
+        joint(2, "0 0 0", "0 1 0", [-2.09, 2.09], 1.7),
+        joint(3, "0 0 0.42", "0 0 1", [-2.96, 2.96], 1.7),
+        joint(4, &format!("{elbow_m} 0 0"), "0 -1 0", bends, 2.2),
+        joint(5, &format!("{} 0 0.4", -elbow_m), "0 0 1", [-2.96, 2.96], 2.4),
+        joint(6, "0 0 0", "0 1 0", [-2.09, 2.09], 3.1),
+        joint(7, &format!("{wrist_m} 0 0.126"), "0 0 1", [-3.05, 3.05], 3.1),
+    ];
+    let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), PI - 0.6);
+    let mount = ToolMount { flange_from_burr: Rigid::new(turn, turn * Vector3::new(0.0, 0.0, -180.0)) };
+    Arm::from_urdf(&format!("<robot name=\"seven\">{links}{}</robot>", joints.concat()), "seven")
+        .unwrap()
+        .with_mount(mount)
+}
+
+/// The slowest direction along a path, mm/s.
+fn slowest_mm_s(arm: &Arm, resolved: &Resolved) -> f64 {
+    let of = |q: &[f64]| arm.slowest_mm_s(q).unwrap();
+    resolved.q.chunks_exact(arm.dof()).map(of).fold(f64::INFINITY, f64::min)
+}
+
+/// Roll and self-motion are looked for over the whole path: a path that cannot be followed step by step is followed, and others keep farther from
+/// singularities.
+#[test]
+fn the_spare_joint_of_seven_is_planned_over_the_whole_path() {
+    let lbr = seven(0.0, 0.0);
+    let franka = seven(0.0825, 0.088);
+    for (arm, x_mm, z_mm, swing_rad, by_steps_mm_s) in [
+        (&lbr, 450.0, 300.0, 0.3, None),
+        (&lbr, 450.0, 100.0, 0.3, Some(60.0)),
+        (&franka, 550.0, 300.0, 1.0, None),
+        (&franka, 450.0, 300.0, 0.3, Some(95.0)),
+    ] {
+        let (poses, length_mm) = raster([x_mm, 0.0, z_mm], swing_rad, 400);
+        let path = path(&poses, &length_mm);
+        let resolved = resolve(arm, &path).unwrap().unwrap();
+        check(arm, &poses, &resolved);
+        assert!(DensePath::lay(arm, &path, &resolved).is_ok());
+        let found_mm_s = slowest_mm_s(arm, &resolved);
+        assert!(found_mm_s > 100.0, "{found_mm_s}");
+        let stepwise = track::resolve(arm, &path);
+        match by_steps_mm_s {
+            None => assert!(stepwise.is_err()),
+            Some(at_most) => assert!(slowest_mm_s(arm, &stepwise.unwrap()) < at_most),
+        }
+    }
+}

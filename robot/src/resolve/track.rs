@@ -1,4 +1,4 @@
-//! Arms without closed form: damped least squares along the path.
+//! Arms without closed form that have no joint to spare: damped least squares along the path.
 //!
 //! The path is followed from a given start if that is possible; else from several starts at the first pose, each moved
 //! towards the middle of its ranges as far as the task leaves that free. A few starts are followed to the end, those of
@@ -49,7 +49,7 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
 }
 
 /// A joint vector for the first pose from one nearby, within the ranges.
-fn start_near(arm: &Arm, pose: &AxisPose, near: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn start_near(arm: &Arm, pose: &AxisPose, near: &[f64]) -> Option<Vec<f64>> {
     if near.len() != arm.dof() {
         return None;
     }
@@ -145,7 +145,7 @@ fn posture(arm: &Arm, q: &[f64]) -> f64 {
 }
 
 /// −1 at the lower limit, 0 in the middle, 1 at the upper; 0 for a joint without limits.
-fn share(joint: &bonemill_arm::Joint, q: f64) -> f64 {
+pub(super) fn share(joint: &bonemill_arm::Joint, q: f64) -> f64 {
     if !joint.is_bounded() {
         return 0.0;
     }

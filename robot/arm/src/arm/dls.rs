@@ -56,7 +56,15 @@ impl NumericSolution {
 
 /// Searches from `start`, which must be a joint vector of the arm.
 pub fn solve(arm: &Arm, goal: &ToolGoal, start: &[f64]) -> NumericSolution {
-    let weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
+    solve_holding(arm, goal, start, None)
+}
+
+/// The same with one joint held where it is.
+pub fn solve_holding(arm: &Arm, goal: &ToolGoal, start: &[f64], held: Option<usize>) -> NumericSolution {
+    let mut weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
+    if let Some(weight) = held.and_then(|held| weights.get_mut(held)) {
+        *weight = 0.0;
+    }
     let mut q = start.to_vec();
     let mut error = error(arm, goal, &q);
     let mut damping = 1e-3;
