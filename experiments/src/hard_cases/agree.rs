@@ -470,14 +470,8 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_along_an_approach_that_was_chosen_tells_the_others() {
+    fn where_nothing_can_be_planned_along_the_best_way_in_another_is_taken() {
         let (end, _) = judged(&RandomCase::draw(2120).twin());
-        let End::Refused(why) = end else { panic!("{end}") };
-        assert!(
-            why.contains("can reach no voxel")
-                && why.contains("was chosen")
-                && why.contains("% of them along"),
-            "{why}"
-        );
+        assert!(matches!(end, End::Verified | End::FallsShort(_)), "{end}");
     }
 }

@@ -57,7 +57,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
-use bonemill_toolpath::scene::{ChosenWay, Scene};
+use bonemill_toolpath::scene::{ChosenWay, Scene, Way};
 use bonemill_toolpath::space::BurrSpace;
 use start::Start;
 
@@ -84,7 +84,8 @@ pub use rest::{RestCause, rest_of};
 pub use save::save;
 pub use speed_levels::{Exceeded, SpeedLevels};
 
-/// Plans a case; paths in it are relative to the folder of `case_path`.
+/// Plans a case; paths in it are relative to the folder of `case_path`. Where nothing can be planned along the approach that was chosen, the other
+/// ways in are tried in their order.
 ///
 /// # Errors
 /// [`PlanError`] for images that cannot be read or trusted, targets that cannot be planned for, and options of the
@@ -92,13 +93,37 @@ pub use speed_levels::{Exceeded, SpeedLevels};
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch::new(progress);
     let setup = Setup::read(case, case_path, &mut watch)?;
-    let way = setup.scene.way.as_ref().map(ChosenWay::text);
-    planned(case, setup, watch).map_err(|error| match way {
-        Some(way) if error.is_infeasible() || matches!(error, PlanError::NothingReachable { .. }) => {
-            PlanError::AlongChosen { way, source: Box::new(error) }
+    let way = setup.scene.way.clone();
+    match (planned(case, setup, watch), way) {
+        (Err(error), Some(way)) if is_of_the_way(&error) => {
+            let others = &mut way.others.iter().map(|other| along(other, &way, (case, case_path), progress));
+            others
+                .find_map(Result::ok)
+                .ok_or_else(|| PlanError::AlongChosen { way: way.text(), source: Box::new(error) })
         }
-        _ => error,
-    })
+        (result, _) => result,
+    }
+}
+
+/// Whether another way in may help.
+fn is_of_the_way(error: &PlanError) -> bool {
+    error.is_infeasible() || matches!(error, PlanError::NothingReachable { .. })
+}
+
+/// Plans a case along another way in than the one that was chosen first.
+fn along(
+    other: &Way,
+    chosen: &ChosenWay,
+    (case, case_path): (&Case, &Path),
+    progress: &dyn Progress,
+) -> Result<Plan, PlanError> {
+    let mut watch = Stopwatch::new(progress);
+    let given = Case { approach: Some(other.direction), ..case.clone() };
+    let mut setup = Setup::read(&given, case_path, &mut watch)?;
+    // the record holds the case as it was given
+    setup.case.approach = None;
+    setup.warnings.push(chosen.text_of(other));
+    planned(case, setup, watch)
 }
 
 /// Plans a case whose inputs are read.

@@ -96,6 +96,11 @@ impl ChosenWay {
             percent(&self.best)
         )
     }
+
+    /// That another one was taken, since no plan is possible along the best, in words.
+    pub fn text_of(&self, other: &Way) -> String {
+        format!("{}; no plan is possible along it: {} was taken", self.text(), words(&other.direction))
+    }
 }
 
 /// A direction in ct with two digits.
