@@ -174,7 +174,7 @@ pub struct CaseArgs {
     /// A line or curve of 3D Slicer (.mrk.json, .fcsv): its first point outside, its last inside the bone; the shaft is to stand along it
     #[arg(long, value_name = "F.mrk.json")]
     pub approach: Option<PathBuf>,
-    /// Registration: 3D Slicer's transform (.tfm, .txt) under which the CT lies where the robot's base sees it, Slicer's world being the base
+    /// Registration: 3D Slicer's transform (.h5, .tfm, .txt) under which the CT lies where the robot's base sees it, Slicer's world being the base
     #[arg(long, value_name = "T.tfm", conflicts_with = "fiducials")]
     pub registration: Option<PathBuf>,
     /// Points of 3D Slicer (.mrk.json, .fcsv), at least three, that the arm will touch in this order; what it finds is to be entered in the case

@@ -252,7 +252,7 @@ fn points_and_transforms_of_slicer_come_into_the_case_in_ras() {
     fs::write(place.path("T.h5"), b"\x89HDF\r\n\x1a\n").unwrap();
     fs::write(place.path("one.mrk.json"), markups(&point("[1, 2, 3]"))).unwrap();
     for (more, part) in [
-        (["--registration", "T.h5"], "save the transform in 3D Slicer as .tfm"),
+        (["--registration", "T.h5"], "T.h5: the file: found what cannot be read"),
         (["--approach", "one.mrk.json"], "1 point; expected a line"),
         (["--fiducials", "way.mrk.json"], "2 points; expected at least three"),
         (["--fiducials", "T.tfm"], "T.tfm: line"),

@@ -1,4 +1,4 @@
-//! What 3D Slicer saves beside images: points, lines and curves (`.mrk.json`, `.fcsv`), and rigid transforms (`.tfm`, `.txt`).
+//! What 3D Slicer saves beside images: points, lines and curves (`.mrk.json`, `.fcsv`), and rigid transforms (`.h5`, `.tfm`, `.txt`).
 //!
 //! Slicer's files are in LPS or RAS, and each says which; what comes out is in `ct` (RAS+, mm). A file that does not say is refused,
 //! because a guess would mirror the patient silently. Deformations, and matrices that scale or mirror, are refused too.
