@@ -1,18 +1,20 @@
 //! Compares parts of this project with published libraries (peers) that could replace them, on the same inputs, in one run, on
-//! one thread.
+//! one thread, but for the reader of scans.
 //!
 //! A peer is a Python package. A script beside this file calls it, run by the interpreter in `BONEMILL_PEERS_PYTHON` (else
-//! `python3`; `pip install edt toppra pin`). Inputs are passed in files of a temporary folder. Each side measures the time of
+//! `python3`; `pip install edt toppra pin SimpleITK`). Inputs are passed in files of a temporary folder. Each side measures the time of
 //! the compared call alone, without reading, writing or making the input. A peer that is not installed gets a row that says so.
 //!
 //! | peer | our part | script |
 //! |---|---|---|
 //! | edt | distance fields | `distance.py` |
 //! | toppra | the time law | `timelaw.py` |
+//! | SimpleITK | the reader of DICOM series | `scans.py` |
 //! | pin | forward kinematics and Jacobians | `kinematics.py` |
 
 mod distance;
 mod kinematics;
+mod scans;
 mod timelaw;
 
 pub use distance::masks;
@@ -32,13 +34,16 @@ const PYTHON: &str = "BONEMILL_PEERS_PYTHON";
 /// # Errors
 /// [`ExperimentError`] when a file cannot be written or a peer's output is invalid.
 pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    // first, since it measures the most memory that was ever held
+    progress.stage("scans");
+    let scans = scans::table()?;
     progress.stage("distance fields");
     let distance = alone(distance::table)?;
     progress.stage("time law");
     let timelaw = alone(timelaw::table)?;
     progress.stage("kinematics");
     let kinematics = alone(kinematics::table)?;
-    Ok(vec![distance, timelaw, kinematics])
+    Ok(vec![scans, distance, timelaw, kinematics])
 }
 
 /// The output of a peer for the inputs in `folder`: one line per input with numbers separated by spaces; or the reason why
