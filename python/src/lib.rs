@@ -53,6 +53,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(calibrate::calibrate, m)?)?;
     m.add_function(wrap_pyfunction!(show::show, m)?)?;
     m.add_function(wrap_pyfunction!(slicer::to_slicer, m)?)?;
+    m.add_function(wrap_pyfunction!(slicer::segments, m)?)?;
     m.add_function(wrap_pyfunction!(phantoms::write_phantom, m)?)?;
     m.add_function(wrap_pyfunction!(fields::distance_transform, m)?)?;
     m.add_function(wrap_pyfunction!(fields::ball_volumes, m)?)?;

@@ -58,7 +58,17 @@ def slices(pydicom: Any, images: SimpleNamespace) -> list[Any]:
     return made
 
 
-def write_series(pydicom: Any, images: SimpleNamespace, folder: Path, compressed: str | None = None) -> None:
+def compressed_pixels(pydicom: Any, sitk: Any, pixels: np.ndarray, compressor: str, path: Path) -> Any:
+    """The pixels of a slice in a file that SimpleITK has compressed: with its lossless JPEG or JPEG 2000."""
+    writer = sitk.ImageFileWriter()
+    writer.SetFileName(str(path))
+    writer.SetUseCompression(True)
+    writer.SetCompressor(compressor)
+    writer.Execute(sitk.GetImageFromArray(pixels[None]))
+    return pydicom.dcmread(path)
+
+
+def write_series(pydicom: Any, images: SimpleNamespace, folder: Path, compressed: str | None = None, sitk: Any = None) -> None:
     """One file a slice, in names of another order than the positions."""
     folder.mkdir()
     for n, ds in enumerate(slices(pydicom, images)):
@@ -68,6 +78,17 @@ def write_series(pydicom: Any, images: SimpleNamespace, folder: Path, compressed
             ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRBigEndian
             ds.PixelData = np.frombuffer(ds.PixelData, np.uint16).byteswap().tobytes()
             ds["PixelData"].VR = "OW"
+        elif compressed == "DeflatedExplicitVRLittleEndian":
+            ds.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+        elif compressed == "ImplicitVRLittleEndian":
+            ds.file_meta.TransferSyntaxUID = pydicom.uid.ImplicitVRLittleEndian
+        elif compressed is not None:
+            pixels = np.frombuffer(ds.PixelData, np.uint16).reshape(ds.Rows, ds.Columns)
+            read = compressed_pixels(pydicom, sitk, pixels, compressed, folder / "one.dcm")
+            ds.file_meta.TransferSyntaxUID = read.file_meta.TransferSyntaxUID
+            ds.PixelData = read.PixelData
+            ds["PixelData"].VR, ds["PixelData"].is_undefined_length = "OB", True
+            (folder / "one.dcm").unlink()
         ds.save_as(folder / f"IM{(7 * n) % 1009:04d}", enforce_file_format=True)
 
 

@@ -58,6 +58,15 @@ def from_path(points: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray
     return nearest
 
 
+def test_segments_as_arrays_are_those_of_the_scene(planned: bonemill.Plan, scene: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    found, label_map = planned.segments(), nibabel.load(scene / "plan.nii.gz")
+    assert found.labels.dtype == np.uint8
+    np.testing.assert_array_equal(found.labels, np.asarray(label_map.dataobj))
+    np.testing.assert_allclose(found.affine, label_map.affine, atol=1e-6)
+    assert found.names == {int(n): name for n, name in json.loads((scene / "labels.json").read_text()).items()}
+
+
 def test_segments_lie_on_the_ct_for_pynrrd_and_nibabel(planned: bonemill.Plan, scene: Path) -> None:
     nrrd, nibabel = pytest.importorskip("nrrd"), pytest.importorskip("nibabel")
     voxels, head = nrrd.read(str(scene / "plan.seg.nrrd"))

@@ -46,7 +46,7 @@ from ._judge import (
     verify,
 )
 from ._native import __version__
-from ._plan import Frames, Plan, Structure, plan
+from ._plan import Frames, Plan, Segments, Structure, plan
 from ._prosthesis import ProsthesisPlan, prosthesis
 from ._verdict import verified
 from ._view import view
@@ -95,6 +95,7 @@ __all__ = [
     "reamer_force",
     "Risk",
     "RobotError",
+    "Segments",
     "simulate",
     "Simulation",
     "stream",

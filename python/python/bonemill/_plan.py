@@ -36,6 +36,17 @@ class Structure(NamedTuple):
     priority: int
 
 
+class Segments(NamedTuple):
+    """What a plan removes and leaves of a CT."""
+
+    labels: NDArray[np.uint8]
+    """[i, j, k] on the CT's grid; 0 is none of them."""
+    affine: NDArray[np.float64]
+    """From voxels to ct, 4 × 4, mm."""
+    names: dict[int, str]
+    """What each label is: the cavity, bone removed outside the target, bone that remains, the rest of the target by cause, structures."""
+
+
 class Frames(NamedTuple):
     """Where a plan's frames are: 4 × 4 matrices, mm; ``a_from_b`` takes coordinates of b to coordinates of a.
 
@@ -153,6 +164,22 @@ class Plan:
             )
         with _on_disk(self, False) as saved:
             return _native.to_slicer(self._made, saved, Path(path), progress)
+
+    def segments(self, *, progress: Progress | None = None) -> Segments:
+        """What the plan removes and leaves, as a label map on the CT's grid: the voxels of ``to_slicer``'s ``plan.nii.gz``.
+
+        Args:
+            progress: told ``(stage, done, of)``; what it raises stops the work.
+
+        Raises:
+            PlanFileError: an input is missing or changed.
+            ImageError, PlanError: the images cannot be read or trusted.
+        """
+        from ._judge import _on_disk
+
+        with _on_disk(self, False) as saved:
+            labels, affine, names = _native.segments(self._made, saved, progress)
+        return Segments(labels, np.array(affine), dict(names))
 
     @property
     def missing_inputs(self) -> list[str]:

@@ -24,12 +24,44 @@ use bonemill_imaging::part::stl_bytes_lps;
 use bonemill_imaging::{write_labels_u8, write_segments};
 use bonemill_planfile::{PlanFileError, Replace, StagedDirectory, StoredPlan, verified};
 use bonemill_setup::PlanError;
-use bonemill_setup::inputs::images_and_scene_of;
+use bonemill_setup::inputs::{CaseImages, images_and_scene_of};
+use bonemill_toolpath::scene::Scene;
 use serde_json::{Map, Value};
 
 pub use segments::Segments;
 
 use super::show::ShownTool;
+
+/// A plan's CT in segments, and what they were found from.
+struct Parted {
+    segments: Segments,
+    images: CaseImages,
+    work: Scene,
+    tool: ShownTool,
+    removal: Vec<u32>,
+}
+
+impl Parted {
+    fn of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
+        let (images, work) = images_and_scene_of(plan, progress)?;
+        progress.stage("removal");
+        let tool = ShownTool::of(plan)?;
+        let path: Vec<_> = plan.waypoints.iter().map(|w| work.ct_from_work.inverse() * w.position).collect();
+        let removal = tool.removal(work.class.grid(), &path);
+        progress.stage("causes of the rest");
+        let segments = Segments::of(plan, &images, &work, &removal)?;
+        Ok(Self { segments, images, work, tool, removal })
+    }
+}
+
+/// What a plan removes and leaves, as segments of its CT.
+///
+/// # Errors
+/// [`PlanError::File`] where an input of the plan is missing; otherwise [`PlanError`] for images that cannot be read or trusted.
+pub fn segments(plan: &StoredPlan, progress: &dyn Progress) -> Result<Segments, PlanError> {
+    plan.inputs.require()?;
+    Ok(Parted::of(plan, progress)?.segments)
+}
 
 /// Writes the files of a plan into the folder `out`, whole or not at all; replaces an earlier scene there.
 ///
@@ -39,13 +71,7 @@ use super::show::ShownTool;
 pub fn export(plan: &StoredPlan, out: &Path, progress: &dyn Progress) -> Result<PathBuf, PlanError> {
     plan.inputs.require()?;
     let staged = StagedDirectory::create(out, Replace::Scene)?;
-    let (images, work) = images_and_scene_of(plan, progress)?;
-    progress.stage("removal");
-    let tool = ShownTool::of(plan)?;
-    let path: Vec<_> = plan.waypoints.iter().map(|w| work.ct_from_work.inverse() * w.position).collect();
-    let removal = tool.removal(work.class.grid(), &path);
-    progress.stage("causes of the rest");
-    let segments = Segments::of(plan, &images, &work, &removal)?;
+    let Parted { segments, images, work, tool, removal } = Parted::of(plan, progress)?;
     progress.stage("write files");
     write_segments(&staged.path().join("plan.seg.nrrd"), &segments.labels, &segments.list)?;
     write_labels_u8(staged.path().join("plan.nii.gz"), &segments.labels)?;
