@@ -150,8 +150,8 @@ pub struct CaseArgs {
     /// Replace the case file if it exists
     #[arg(long)]
     pub force: bool,
-    /// SeriesInstanceUID of the CT, where its folder has several series
-    #[arg(long, value_name = "UID")]
+    /// Name of the CT's series, or its SeriesInstanceUID, where its folder has several; the refusal without it lists them
+    #[arg(long, value_name = "NAME|UID")]
     pub ct_series: Option<String>,
     /// The label to be removed, where names do not tell it
     #[arg(long, value_name = "NAME|NUMBER")]
@@ -197,7 +197,8 @@ pub struct PlanArgs {
     /// Folder to write: new, empty, or a plan, which is replaced
     #[arg(long, value_name = "PLAN")]
     pub out: PathBuf,
-    /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent
+    /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent; DICOM files keep their
+    /// header with the patient's name
     #[arg(long)]
     pub pack: bool,
     /// Leave slices of the CT out of report.html, so that the page can go where the scan may not

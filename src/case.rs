@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use bonemill_imaging::series_name;
 use bonemill_imaging::slicer::{read_base_from_ct, read_markups};
 use bonemill_planner::Progress;
 use bonemill_planner::case::draft::{
@@ -23,8 +24,11 @@ pub fn run(args: &CaseArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     let out = Output::of(args)?;
     let named = |path: &Path| relative_path(&out.folder, path).map_err(anyhow::Error::from);
     let (labels, masks) = args.labels.split_first().context("expected a label file")?;
-    let images =
-        ImagePaths { ct: named(&args.ct)?, ct_series: args.ct_series.clone(), labels: named(labels)? };
+    let images = ImagePaths {
+        ct: named(&args.ct)?,
+        ct_series: args.ct_series.as_deref().map(series_name),
+        labels: named(labels)?,
+    };
     let masks: Vec<(PathBuf, PathBuf)> =
         masks.iter().map(|mask| Ok((mask.clone(), named(mask)?))).collect::<anyhow::Result<_>>()?;
     each_once(&images.labels, &masks)?;

@@ -29,7 +29,7 @@ use bonemill_geometry::{Ct, Volume};
 use crate::error::ImageError;
 use crate::names::LabelNames;
 
-pub use dicom::{DicomProblem, SeriesFound};
+pub use dicom::{DicomProblem, SeriesFound, is_dicom, series_name};
 pub use foreign::ForeignFormat;
 pub use labels::{LabelMap, Shared, whole};
 pub use masks::MASK_ENDINGS;
@@ -71,6 +71,13 @@ pub enum Placement {
     MetaImage,
     /// Positions and orientation of DICOM slices.
     Dicom,
+}
+
+impl Placement {
+    /// Whether the format is NIfTI, of whose transforms one can be chosen.
+    pub fn is_nifti(&self) -> bool {
+        matches!(self, Self::Nifti(_))
+    }
 }
 
 impl fmt::Display for Placement {
@@ -158,7 +165,7 @@ pub fn read_ct(path: impl AsRef<Path>, choice: AffineChoice) -> Result<Image<f32
     read_ct_series(path, choice, None)
 }
 
-/// As [`read_ct`]; of a folder with several DICOM series that with a SeriesInstanceUID.
+/// As [`read_ct`]; of a folder with several DICOM series that with a name, by [`series_name`], or with a SeriesInstanceUID.
 ///
 /// # Errors
 /// As [`read_ct`].

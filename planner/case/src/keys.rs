@@ -385,7 +385,7 @@ table! {
     }
     others {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT in HU: NIfTI, NRRD, MetaImage, or a folder with a DICOM series", "-";
-        CT_SERIES = "images.ct_series" "a SeriesInstanceUID", "none: the folder has one series", "which series, where images.ct is a folder with several", "-";
+        CT_SERIES = "images.ct_series" "a series' name or its SeriesInstanceUID", "none: the folder has one series", "which series, where images.ct is a folder with several: the name is the first 12 hex digits of the UID's SHA-256, as the refusal lists it; a UID is taken too, but the name is what is written", "-";
         LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map: NIfTI, NRRD, MetaImage, 3D Slicer's .seg.nrrd, DICOM SEG, or a folder with one mask per structure", "-";
         TARGET_LABEL = "target.label" "a number from 1 to 65535 or a name of labels.json", "exactly one of label, box, ball, frustum", "the bone to be removed", "-";
         TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box, less every structure and its clearance_mm", "-";

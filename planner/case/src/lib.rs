@@ -125,7 +125,7 @@ pub struct Images {
     pub ct: PathBuf,
     /// The label map.
     pub labels: PathBuf,
-    /// SeriesInstanceUID of the CT in a folder with several DICOM series.
+    /// Name of the CT in a folder with several DICOM series, by [`bonemill_imaging::series_name`].
     pub ct_series: Option<String>,
     /// Which affine to take from the CT.
     pub ct_affine: AffineChoice,

@@ -156,7 +156,7 @@ fn read_images(t: Walk<'_, '_>) -> Images {
     let images = Images {
         ct: PathBuf::from(t.required_text(&k::CT)),
         labels: PathBuf::from(t.required_text(&k::LABELS)),
-        ct_series: t.text(&k::CT_SERIES),
+        ct_series: t.text(&k::CT_SERIES).map(|text| bonemill_imaging::series_name(&text)),
         ct_affine: t.choice(&k::CT_AFFINE, bonemill_imaging::AffineChoice::Auto),
         labels_affine: t.choice(&k::LABELS_AFFINE, bonemill_imaging::AffineChoice::Auto),
     };

@@ -487,3 +487,12 @@ fn fiducials_are_read_and_written_and_stand_alone() {
     let error = parse(&both).unwrap_err().to_string();
     assert!(error.contains("fiducials") && error.contains("exactly one"), "{error}");
 }
+
+#[test]
+fn a_series_is_written_by_its_name_whatever_the_case_gives() {
+    let of = |series: &str| LEAST.replace("[images]", &format!("[images]\nct_series = \"{series}\""));
+    for given in ["1.2.3.9", "902425018327"] {
+        let text = parse(&of(given)).unwrap().to_toml();
+        assert!(text.contains("ct_series = \"902425018327\"") && !text.contains("1.2.3"), "{text}");
+    }
+}

@@ -8,6 +8,7 @@ use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions, Tag};
 use nalgebra::Vector3;
 
 use super::lengths::{PlainPixels, check_lengths};
+use super::name::series_name;
 use super::problem::DicomProblem;
 
 /// Where a DICOM file's mark stands, behind its preamble.
@@ -76,6 +77,7 @@ pub(super) struct Frame {
 /// A file with an image, and its header or why it cannot be used: a screenshot in another series does no harm.
 #[derive(Debug)]
 pub(super) struct Found {
+    /// The series' name, which is not its UID.
     pub series: String,
     pub modality: String,
     pub is_localizer: bool,
@@ -137,7 +139,8 @@ fn collect(folder: &Path, depth: usize, take: &mut dyn FnMut(PathBuf) -> bool) -
     })
 }
 
-fn is_dicom(path: &Path) -> bool {
+/// Whether a file has DICOM's mark.
+pub fn is_dicom(path: &Path) -> bool {
     let mut bytes = [0; MARK.end];
     // a pipe would be waited for
     let is_read = path.is_file() && File::open(path).and_then(|mut file| file.read_exact(&mut bytes)).is_ok();
@@ -224,7 +227,7 @@ impl Found {
         }
         let image_type = attributes.text(IMAGE_TYPE).unwrap_or_default();
         Ok(Some(Self {
-            series: attributes.text(SERIES).unwrap_or_default(),
+            series: attributes.text(SERIES).map(|uid| series_name(&uid)).unwrap_or_default(),
             modality: attributes.text(MODALITY).unwrap_or_default(),
             is_localizer: image_type.to_uppercase().contains("LOCALIZER"),
             is_segmentation: SEGMENTATIONS.contains(&attributes.text(SOP_CLASS).unwrap_or_default().as_str()),

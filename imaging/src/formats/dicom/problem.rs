@@ -10,8 +10,8 @@ use super::super::straight::AffineFault;
 /// A series of a folder, as far as it helps to choose one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SeriesFound {
-    /// SeriesInstanceUID.
-    pub uid: String,
+    /// Its name, by [`super::series_name`].
+    pub name: String,
     /// Modality, such as CT.
     pub modality: String,
     /// Number of slices.
@@ -23,7 +23,7 @@ pub struct SeriesFound {
 impl fmt::Display for SeriesFound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [columns, rows] = self.size;
-        write!(f, "{} ({}, {} slices of {columns}×{rows})", self.uid, self.modality, self.slices)
+        write!(f, "{} ({}, {} slices of {columns}×{rows})", self.name, self.modality, self.slices)
     }
 }
 
@@ -60,7 +60,7 @@ pub enum DicomProblem {
     NoSeries,
     /// Several series, and no choice.
     #[error(
-        "holds several series; choose one by its UID, as images.ct_series in the case or --ct-series where a case is made: {}",
+        "holds several series; choose one by its name, as images.ct_series in the case or --ct-series where a case is made: {}",
         list(found)
     )]
     SeveralSeries {
@@ -68,10 +68,10 @@ pub enum DicomProblem {
         found: Vec<SeriesFound>,
     },
     /// The series that the case chooses is not there.
-    #[error("has no series {uid} (images.ct_series); expected one of {}", list(found))]
+    #[error("has no series {name} (images.ct_series); expected one of {}", list(found))]
     SeriesAbsent {
-        /// The choice.
-        uid: String,
+        /// The choice, as a name.
+        name: String,
         /// Those that are there.
         found: Vec<SeriesFound>,
     },

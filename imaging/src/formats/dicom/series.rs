@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use super::super::{Image, Placement, Provenance, ReadWarning};
 use super::header::{Found, Header, dicom_files, open};
 use super::lengths::PlainPixels;
+use super::name::series_name;
 use super::pixels::{frame_bytes, grey_values, read_plain};
 use super::problem::{DicomProblem, SeriesFound};
 use super::stack::Stack;
 
-/// Reads the series in a folder, or the frames of a file; `chosen` is a SeriesInstanceUID.
+/// Reads the series in a folder, or the frames of a file; `chosen` is a series' name or its SeriesInstanceUID.
 ///
 /// # Errors
 /// [`DicomProblem`] when there is no series, or several without a choice, and when one cannot be read or trusted.
@@ -61,18 +62,18 @@ fn choose(
     chosen: Option<&str>,
 ) -> Result<Vec<Found>, DicomProblem> {
     let found = || {
-        let entries = series.iter().filter_map(|(uid, files)| {
+        let entries = series.iter().filter_map(|(name, files)| {
             let headers = || files.iter().filter_map(|found| found.header.as_ref().ok());
             let (first, slices) = (headers().next()?, headers().map(|h| h.frames.len()).sum());
             let modality = files.first()?.modality.clone();
-            Some(SeriesFound { uid: uid.clone(), modality, slices, size: first.size })
+            Some(SeriesFound { name: name.clone(), modality, slices, size: first.size })
         });
         entries.collect::<Vec<_>>()
     };
     match chosen {
-        Some(uid) => {
-            let found = found();
-            series.remove(uid).ok_or_else(|| DicomProblem::SeriesAbsent { uid: uid.into(), found })
+        Some(uid_or_name) => {
+            let (found, name) = (found(), series_name(uid_or_name));
+            series.remove(&name).ok_or(DicomProblem::SeriesAbsent { name, found })
         }
         None if series.len() > 1 => Err(DicomProblem::SeveralSeries { found: found() }),
         None => series.pop_first().map(|(_, files)| files).ok_or(DicomProblem::NoSeries),

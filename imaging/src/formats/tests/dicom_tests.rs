@@ -94,15 +94,24 @@ fn of_several_series_the_case_chooses_one() {
     files.push(with(localizer, vec![((8, 8), text("CS", "ORIGINAL\\PRIMARY\\LOCALIZER"))]));
     assert_refused(
         read_files(&files),
-        &["images.ct_series", "1.2.3.9 (CT, 3 slices of 3×2)", "1.2.3.10 (CT, 2 slices of 3×2)"],
+        &["images.ct_series", "902425018327 (CT, 3 slices of 3×2)", "63512c0d8c3f (CT, 2 slices of 3×2)"],
     );
     let named = files.iter().enumerate().map(|(n, s)| (format!("IM{n}"), bytes(s, LITTLE)));
     let dir = folder(&named.collect::<Vec<_>>());
-    let image = read_ct_series(dir.path(), AUTO, Some("1.2.3.10")).unwrap();
-    assert_eq!(image.volume.data()[6..], [7.0; 6]);
-    assert_eq!(image.warnings, [ReadWarning::Localizers { count: 1 }]);
+    for chosen in ["1.2.3.10", "63512c0d8c3f"] {
+        let image = read_ct_series(dir.path(), AUTO, Some(chosen)).unwrap();
+        assert_eq!(image.volume.data()[6..], [7.0; 6]);
+        assert_eq!(image.warnings, [ReadWarning::Localizers { count: 1 }]);
+    }
     let said = read_ct_series(dir.path(), AUTO, Some("1.2")).unwrap_err().to_string();
-    assert!(said.contains("no series 1.2 (images.ct_series)") && said.contains("1.2.3.10"), "{said}");
+    let name = series_name("1.2");
+    assert!(
+        said.contains(&format!("no series {name} (images.ct_series)")) && said.contains("63512c0d8c3f"),
+        "{said}"
+    );
+    // a UID is in no list and no refusal
+    let several = read_ct(dir.path(), AUTO).unwrap_err().to_string();
+    assert!(!said.contains("1.2.3") && !several.contains("1.2.3"), "{said} {several}");
 }
 
 #[test]

@@ -64,7 +64,7 @@ impl FoundLabel {
 pub struct ImagePaths {
     /// The CT.
     pub ct: PathBuf,
-    /// Its series, where it is a folder with several.
+    /// The name of its series, where it is a folder with several.
     pub ct_series: Option<String>,
     /// The label map.
     pub labels: PathBuf,

@@ -43,8 +43,8 @@ pub(super) fn case_text(draft: &Draft<'_>) -> Result<String, DraftError> {
 fn images(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
     out.table("[images]");
     out.key("ct", path(&draft.images.ct)?, "");
-    if let Some(uid) = &draft.images.ct_series {
-        out.key("ct_series", text(uid), "");
+    if let Some(name) = &draft.images.ct_series {
+        out.key("ct_series", text(name), "");
     }
     out.key("labels", path(&draft.images.labels)?, "");
     out.table("[density]");
@@ -226,17 +226,14 @@ pub(super) fn notes(draft: &Draft<'_>) -> Vec<String> {
     notes
 }
 
-/// A target that is no bone by the threshold, or lies beyond the CT.
+/// A target that is no bone by the threshold.
 fn target_note(draft: &Draft<'_>) -> Option<String> {
     let TargetChoice::Label(place) = draft.choice.target else { return None };
-    match draft.labels.get(place)?.survey.as_ref()?.hu {
-        None => Some("the target lies beyond the CT: do the labels belong to it?".into()),
-        Some(hu) if hu.high_hu < DEFAULT_BONE_HU => Some(format!(
-            "95 % of the target are below {} HU, and density.bone_hu is {DEFAULT_BONE_HU}: the target holds no bone by that threshold",
-            hu.high_hu
-        )),
-        Some(_) => None,
-    }
+    let hu = draft.labels.get(place)?.survey.as_ref()?.hu?;
+    (hu.high_hu < DEFAULT_BONE_HU).then(|| format!(
+        "95 % of the target are below {} HU, and density.bone_hu is {DEFAULT_BONE_HU}: the target holds no bone by that threshold",
+        hu.high_hu
+    ))
 }
 
 /// A label to be taken away from the target, and its margin, mm.
