@@ -1,5 +1,5 @@
 //! Reads the plan's images again, NIfTI-1 and -2 in one file and NRRD, with code of its own: one wrong reader cannot fool both. Images of
-//! other formats are read by the planner's reader, and the verdict says so.
+//! other formats, and of what is rare in NRRD, are read by the planner's reader, and the verdict says so.
 //!
 //! Fields are taken at the byte offsets of `nifti1.h` and `nifti2.h` (**Source:** NIfTI data format working group), and a file is refused unless
 //! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some
@@ -89,7 +89,7 @@ const PADDING_HU: f32 = -1500.0;
 /// HU of air.
 const AIR_HU: f32 = -1000.0;
 
-/// A CT's grey values; of a folder with several DICOM series that with a SeriesInstanceUID. The second value tells of a format that
+/// A CT's grey values; of a folder with several DICOM series that with a name. The second value tells of a format that
 /// only the planner's reader knows.
 ///
 /// # Errors

@@ -1,7 +1,8 @@
 //! Reads NRRD again, with 3D Slicer's segments, by code of the verification's own.
 //!
 //! Read are raw and gzip data behind the header, in one file or in a list of files, without anything to skip; spaces LPS, RAS and LAS.
-//! Whatever else a header says about where or how voxels are stored is refused, never guessed.
+//! Numbers as text, skips and patterns of files are left to the planner's reader, which is told ([`unread`]). Whatever else a header
+//! says about where or how voxels are stored is refused, never guessed.
 //! **Source:** teem.sourceforge.net/nrrd/format.html; 3D Slicer's documentation of .seg.nrrd.
 
 use std::collections::BTreeMap;
@@ -45,11 +46,6 @@ pub(super) fn read(path: &Path) -> Result<Nrrd, ReadProblem> {
     let file = BufReader::new(File::open(path)?);
     let mut file = gunzipped(file)?;
     let header = Header::read(&mut file)?;
-    for field in ["line skip", "lineskip", "byte skip", "byteskip"] {
-        if header.fields.get(field).is_some_and(|text| text != "0") {
-            return Err(refused(field, "0: this reader skips nothing"));
-        }
-    }
     let (layers, dims, grid) = header.place()?;
     let (size, number) = header.number()?;
     let count = dims.iter().product::<usize>() * layers;
@@ -70,7 +66,28 @@ pub(super) fn read(path: &Path) -> Result<Nrrd, ReadProblem> {
         return Err(ReadProblem::Length { found, expected });
     }
     let values = bytes[..expected].chunks_exact(size).map(number).collect();
-    Ok(Nrrd { grid, layers, values, segments: header.segments()? })
+    Ok(Nrrd { grid, layers, values, segments: header.segments(layers)? })
+}
+
+/// What an NRRD file is that only the planner's reader reads; `None` for others, and for what is no NRRD.
+pub(super) fn unread(path: &Path) -> Option<&'static str> {
+    let mut file = gunzipped(BufReader::new(File::open(path).ok()?)).ok()?;
+    if !file.fill_buf().ok()?.starts_with(b"NRRD") {
+        return None;
+    }
+    let header = Header::read(&mut file).ok()?;
+    let get = |field: &str| header.fields.get(field).map(|text| text.to_lowercase());
+    let is_skip = |field: &&str| get(field).is_some_and(|text| text != "0");
+    if matches!(get("encoding")?.as_str(), "ascii" | "text" | "txt") {
+        Some("an NRRD file with numbers as text")
+    } else if ["line skip", "lineskip", "byte skip", "byteskip"].iter().any(|field| is_skip(field)) {
+        Some("an NRRD file with lines or bytes to skip")
+    } else if ["data file", "datafile"].iter().any(|field| get(field).is_some_and(|text| text.contains('%')))
+    {
+        Some("an NRRD header with a pattern of data files")
+    } else {
+        None
+    }
 }
 
 /// A stream without gzip around it.
@@ -211,7 +228,7 @@ impl Header {
         let mut from: Box<dyn Read> = match self.get("encoding")?.to_lowercase().as_str() {
             "raw" => Box::new(from),
             "gzip" | "gz" => Box::new(MultiGzDecoder::new(from)),
-            _ => return Err(refused("encoding", "raw or gzip: this reader knows no other")),
+            _ => return Err(refused("encoding", "raw, gzip or ascii")),
         };
         let mut bytes = Vec::new();
         from.as_mut().take((expected + PADDING_BYTES + 1) as u64).read_to_end(&mut bytes)?;
@@ -224,26 +241,30 @@ impl Header {
             return Ok(vec![]);
         };
         let names = if named.starts_with("LIST") { self.list.clone() } else { vec![named.clone()] };
-        if names.is_empty() || names.iter().any(|name| name.contains('%')) {
-            return Err(refused("data file", "a file or LIST: this reader knows no patterns"));
+        if names.is_empty() {
+            return Err(refused("data file", "a file, a pattern or LIST"));
         }
         Ok(names.iter().map(|name| path.with_file_name("").join(name.trim())).collect())
     }
 
-    /// Name, layer and value of each segment, in the order of their numbers.
-    fn segments(&self) -> Result<Vec<(String, usize, u16)>, ReadProblem> {
+    /// Name, layer and value of each segment, in the order of their numbers. Before layers held several segments, each had its own
+    /// with the value 1, and no keys for either.
+    fn segments(&self, layers: usize) -> Result<Vec<(String, usize, u16)>, ReadProblem> {
         let ids = self.keys.keys().filter_map(|key| key.strip_prefix("Segment")?.strip_suffix("_ID"));
         let mut numbers: Vec<usize> = ids.filter_map(|n| n.parse().ok()).collect();
         numbers.sort_unstable();
+        let is_one_each = numbers.len() == layers;
         let segment = |n: &usize| {
             let key = |name: &str| self.keys.get(&format!("Segment{n}_{name}"));
-            let whole = |name: &str| {
-                let text = key(name).ok_or_else(|| refused(format!("Segment{n}_{name}"), "in the header"))?;
-                text.parse::<u16>().map_err(|_| refused(format!("Segment{n}_{name}"), "a whole number"))
+            let whole = |name: &str, absent: u16| {
+                key(name).map_or(Ok(absent), |text| {
+                    text.parse::<u16>().map_err(|_| refused(format!("Segment{n}_{name}"), "a whole number"))
+                })
             };
             let name = key("Name").filter(|name| !name.is_empty()).or_else(|| key("ID"));
-            let layer = if key("Layer").is_some() { whole("Layer")? } else { 0 };
-            Ok((name.cloned().unwrap_or_default(), usize::from(layer), whole("LabelValue")?))
+            let own_layer = if is_one_each { (*n).min(layers - 1) as u16 } else { 0 };
+            let layer = usize::from(whole("Layer", own_layer)?);
+            Ok((name.cloned().unwrap_or_default(), layer, whole("LabelValue", 1)?))
         };
         numbers.iter().map(segment).collect()
     }

@@ -75,11 +75,72 @@ fn both_readers_see_the_same_image_or_refuse_it() {
     ] {
         assert_eq!(verdict(&header, &little), Some(false), "{header}");
     }
-    // what only the planner's reader knows is refused, with the field
-    for header in [with("encoding: raw", "encoding: ascii"), HEADER.to_owned() + "byte skip: -1\n"] {
-        let text = NUMBERS.map(|n| n.to_string()).join(" ");
-        let data = if header.contains("ascii") { text.into_bytes() } else { little.clone() };
-        assert_eq!(verdict(&header, &data), None, "{header}");
+}
+
+#[test]
+fn what_only_the_planners_reader_reads_is_read_by_it_and_told() {
+    let little: Vec<u8> = NUMBERS.iter().flat_map(|n| n.to_le_bytes()).collect();
+    let text = NUMBERS.map(|n| n.to_string()).join(" ").into_bytes();
+    let more = |line: &str| HEADER.to_owned() + line;
+    let after = |before: &[u8]| [before, &little[..]].concat();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("ct.nrrd");
+    std::fs::write(dir.path().join("ct7.raw"), &little).unwrap();
+    for (header, data, said) in [
+        (HEADER.replace("encoding: raw", "encoding: ascii"), text, "numbers as text"),
+        (more("byte skip: -1\n"), after(b"any bytes"), "to skip"),
+        (more("byteskip: 3\n"), after(b"abc"), "to skip"),
+        (more("line skip: 2\n"), after(b"a line\nanother\n"), "to skip"),
+        (more("data file: ct%d.raw 7 7 1\n"), vec![], "a pattern of data files"),
+    ] {
+        let file = [header.as_bytes(), b"\n", &data].concat();
+        for bytes in [file.clone(), gzip(&file)] {
+            if header.contains("-1") && bytes != file {
+                continue; // a compressed file is not counted from its end
+            }
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(agree(&path), Some(true), "{header}");
+            let (ct, reader) = ct(&path, AUTO, None).unwrap();
+            assert_eq!(ct.data(), NUMBERS.map(f32::from));
+            let reader = reader.unwrap().to_string();
+            assert!(reader.contains("images.ct is an NRRD") && reader.contains(said), "{reader}");
+        }
+    }
+    // what neither reads is refused, as before, by this crate's reader
+    let file = [HEADER.replace("encoding: raw", "encoding: hex").as_bytes(), b"\n", &little].concat();
+    std::fs::write(&path, file).unwrap();
+    assert!(ct(&path, AUTO, None).unwrap_err().to_string().contains("`encoding` in its header"));
+}
+
+/// Before layers held several segments, each had a layer of its own, and neither key.
+#[test]
+fn segments_without_layer_and_value_are_the_same_by_both_readers() {
+    let uchar = HEADER.replace("type: short", "type: uchar");
+    let layered =
+        uchar.replace("sizes: 3 2 2", "sizes: 2 3 1 1").replace("directions: ", "directions: none ");
+    let keys = "Segment0_ID:=a\nSegment0_Name:=Facial nerve\nSegment1_ID:=b\n";
+    let single = uchar.replace("sizes: 3 2 2", "sizes: 3 1 1");
+    let dir = tempfile::tempdir().unwrap();
+    for (header, keys, data, names) in [
+        (&layered, keys, &[1, 0, 0, 1, 1, 1][..], 2),
+        (&single, "Segment0_ID:=a\n", &[0, 1, 1][..], 1),
+        // a value without a layer
+        (
+            &layered,
+            "Segment0_ID:=a\nSegment0_LabelValue:=3\nSegment1_ID:=b\nSegment1_LabelValue:=4\n",
+            &[3, 0, 0, 4, 3, 4][..],
+            2,
+        ),
+    ] {
+        let path = dir.path().join("a.seg.nrrd");
+        std::fs::write(&path, [header.as_bytes(), keys.as_bytes(), b"\n", data].concat()).unwrap();
+        let (ours, theirs) = (labels(&path, AUTO).unwrap(), read_label_map(&path, AUTO).unwrap());
+        assert!(ours.1.is_none(), "by a reader of its own");
+        let ours = ours.0;
+        assert_eq!(ours.shown.data(), theirs.image.volume.data());
+        let further: Vec<(u32, u16)> =
+            ours.further.iter().map(|(place, label)| (*place as u32, *label)).collect();
+        assert_eq!((further, ours.names.len()), (theirs.further, names));
     }
 }
 

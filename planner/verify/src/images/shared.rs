@@ -10,7 +10,7 @@ use bonemill_geometry::{Ct, Volume};
 use bonemill_imaging::{AffineChoice, read_ct_series, read_label_map};
 use bonemill_planfile::Sha256;
 
-use super::LabelsRead;
+use super::{LabelsRead, nrrd};
 use crate::error::{ReadProblem, VerifyError};
 
 /// Parts of a millimetre to which a digest knows where voxels lie.
@@ -53,7 +53,7 @@ pub(super) fn format(path: &Path) -> Result<Option<&'static str>, VerifyError> {
     } else if first.get(344..) == Some(b"ni1\0") || first.get(4..8) == Some(b"ni2\0") {
         Some("a NIfTI pair of files")
     } else {
-        None
+        nrrd::unread(path)
     })
 }
 
