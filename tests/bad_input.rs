@@ -318,7 +318,8 @@ fn a_target_outside_the_scan_is_refused_with_both_extents() {
         );
     labels.fill([30..32, 24..36, 12..14], NERVE);
     place.put_labels(&labels);
-    place.refuses(&[&place.line_of("[target]"), "lies outside the CT"]);
+    let said = ["the target (label 20) lies wholly outside the CT", "do not share a place"];
+    place.refuses(&[&[&*place.line_of("[target]")], &said[..]].concat());
 }
 
 /// The patient with another target, voxels of the image.

@@ -6,6 +6,7 @@ use std::fs;
 use serde_json::Value;
 
 use crate::support::body;
+use crate::support::image::Image;
 use crate::support::place::Place;
 
 #[test]
@@ -104,6 +105,76 @@ fn labels_beside_the_ct_are_told_and_beyond_a_voxel_refused_until_the_case_choos
         json["warnings"].to_string().contains("100 % of structure 'nerve' lies outside the body"),
         "{json}"
     );
+}
+
+/// The healthy body with its labels as 3D Slicer's segmentation, after a change.
+fn segmented(change: impl FnOnce(Image) -> Image) -> Place {
+    const SEGMENTS: &str = "Segment0_ID:=a\nSegment0_Name:=Cavity\nSegment0_LabelValue:=20\n\
+                            Segment1_ID:=b\nSegment1_Name:=Facial nerve\nSegment1_LabelValue:=7\n";
+    let place = Place::healthy().with_case("labels.nii", "a.seg.nrrd");
+    fs::write(place.path("a.seg.nrrd"), change(body::labels()).nrrd(SEGMENTS)).unwrap();
+    fs::remove_file(place.path("labels.nii")).unwrap();
+    place
+}
+
+/// What `bonemill case` prints of its images.
+#[track_caller]
+fn cased(place: &Place) -> String {
+    let ran = place.run(&["case", "ct.nii", "a.seg.nrrd", "--out", "made.toml", "--force"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    ran.out
+}
+
+#[test]
+fn a_crop_between_the_cts_voxels_is_told_and_one_on_them_is_not() {
+    let cropped = |by_mm: f64| {
+        segmented(|labels| {
+            let mut labels = labels.cropped([8..36, 10..38, 10..26]);
+            labels.affine[0][3] += by_mm;
+            labels
+        })
+    };
+    let said = "voxels lie up to 0.125 mm (0.25 voxels) beside the CT's";
+    for (place, is_told) in [(cropped(0.125), true), (cropped(0.5), false)] {
+        let (_, json, failed) = planned(&place);
+        assert_eq!(failed, Vec::<String>::new());
+        assert_eq!(json["warnings"].to_string().contains(said), is_told, "{json}");
+        let case = cased(&place);
+        assert_eq!(case.contains(said), is_told, "{case}");
+    }
+}
+
+#[test]
+fn a_segmentation_of_the_cts_size_elsewhere_is_refused_without_a_key_that_it_does_not_have() {
+    let place = segmented(|mut labels| {
+        labels.affine[0][3] += 1.0;
+        labels
+    });
+    let ran = place.run(&["plan", "case.toml", "--out", "plan"]);
+    let said = "lie up to 1.000 mm (2.0 voxels) beside the CT's";
+    ran.refused(&[&place.line_of("labels = "), "`images.labels`", said, "exporting the segmentation"]);
+    assert!(!ran.err.contains("affine"), "{}", ran.err);
+    assert!(cased(&place).contains(said));
+}
+
+#[test]
+fn a_segment_outside_the_ct_is_told_in_mm3_and_refused_where_nothing_of_it_is_inside() {
+    // the nerve's voxels are 30 and 31 along i
+    let scanned = |is: usize| {
+        let place = segmented(|labels| labels);
+        place.put_ct(&body::ct().cropped([0..is, 0..40, 0..30]));
+        place
+    };
+    let place = scanned(31);
+    let (_, json, _) = planned(&place);
+    let said = |name: &str| format!("50.0 % of structure '{name}' lies outside the CT: 3.00 of 6.00 mm³");
+    assert!(json["warnings"].to_string().contains(&said("nerve")), "{json}");
+    assert!(cased(&place).contains(&said("Facial nerve")));
+    let place = scanned(30);
+    let said = ["(label 7) lies wholly outside the CT: the nearest of its 6.00 mm³ is 0.25 mm beyond"];
+    place.refuses(&[&[&*place.line_of("label = 7"), "structure 'nerve'"], &said[..]].concat());
+    let case = cased(&place);
+    assert!(case.contains("structure 'Facial nerve'") && case.contains(said[0]), "{case}");
 }
 
 /// The nerve's voxels span 3.75..4.75 × 3.75..9.75 × 8.75..9.75 mm; the block ends at 13.75 mm.

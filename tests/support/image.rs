@@ -1,4 +1,4 @@
-//! Writes NIfTI-1 files byte by byte, independent of the planner's writer. A header field is a number at a byte offset, so that
+//! Writes NIfTI-1 and NRRD files byte by byte, independent of the planner's writer. A header field of NIfTI is a number at a byte offset, so that
 //! any field can be made wrong.
 
 use std::ops::Range;
@@ -161,6 +161,27 @@ impl Image {
             }
         }
         out
+    }
+}
+
+impl Image {
+    /// An NRRD file of unsigned 16-bit numbers, with these further lines in its header.
+    pub fn nrrd(&self, lines: &str) -> Vec<u8> {
+        let vector = |column: usize| {
+            let [x, y, z] = self.affine.map(|row| row[column]);
+            format!("({x},{y},{z})")
+        };
+        let [nx, ny, nz] = self.dims;
+        let header = format!(
+            "NRRD0004\ntype: ushort\ndimension: 3\nspace: right-anterior-superior\nsizes: {nx} {ny} {nz}\nspace directions: {} {} {}\n\
+             space origin: {}\nendian: little\nencoding: raw\n{lines}\n",
+            vector(0),
+            vector(1),
+            vector(2),
+            vector(3)
+        );
+        let values = self.values.iter().flat_map(|v| (*v as u16).to_le_bytes());
+        header.into_bytes().into_iter().chain(values).collect()
     }
 }
 

@@ -348,10 +348,13 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
 
 fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
     let key = match error {
-        SceneError::LabelAbsent { what, .. } if what.starts_with("target.") => {
+        SceneError::LabelAbsent { what, .. } | SceneError::LabelOutside { what, .. }
+            if what.starts_with("target.") =>
+        {
             return Some(format!("{what}.label"));
         }
-        SceneError::LabelAbsent { what, label, .. } => {
+        SceneError::LabelOutside { what, .. } if what == "the target" => "target",
+        SceneError::LabelAbsent { what, label, .. } | SceneError::LabelOutside { what, label, .. } => {
             // a label that the case names is known here by its number alone; the structure by its name
             let structure = case.structures.iter().position(|s| *what == format!("structure '{}'", s.name));
             return structure
@@ -359,8 +362,8 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
                 .or_else(|| label_key(case, &LabelRef::Number(*label)))
                 .or(Some("target.label".into()));
         }
-        SceneError::NoOverlap { .. } => "images.labels",
-        SceneError::LabelsDisplaced { .. } => "images.labels_affine",
+        SceneError::LabelsDisplaced { is_nifti: true, .. } => "images.labels_affine",
+        SceneError::NoOverlap { .. } | SceneError::LabelsDisplaced { .. } => "images.labels",
         SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => {
             "target"
         }

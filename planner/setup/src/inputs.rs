@@ -105,7 +105,7 @@ pub(super) struct PlainImages {
     pub names: Option<(LabelNames, PathBuf)>,
 }
 
-/// Reads a CT (and of a folder with several series that with a UID), which must be in HU, and a label map
+/// Reads a CT (and of a folder with several series that with a name), which must be in HU, and a label map
 /// with the file of its names, which need not be there.
 pub(super) fn read_plain(
     (ct, ct_affine, series): (&Path, AffineChoice, Option<&str>),
@@ -328,7 +328,7 @@ pub fn make_scene_of(
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
         further: &inputs.further,
-        labels_affine: case.images.labels_affine,
+        labels_affine: inputs.labels.provenance.placement.is_nifti().then_some(case.images.labels_affine),
         target,
         also: &inputs.also,
         less: &inputs.less,

@@ -8,11 +8,12 @@ use bonemill_case::DEFAULT_BONE_HU;
 use bonemill_case::draft::{
     self, Choice, Draft, DraftError, Drafted, FoundLabel, ImagePaths, KnownPlace, SideFound, TargetChoice,
 };
-use bonemill_geometry::{Ct, Volume};
+use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::{
     AffineChoice, ImageError, LabelMap, LabelSurvey, MASK_ENDINGS, bone_extent_x_mm, label_names_path,
     labels_beside, read_labels, survey_labels,
 };
+use bonemill_toolpath::scene::{Displaced, label_extents};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -62,6 +63,7 @@ pub struct Survey {
     pub diagonal_mm: f64,
     /// Oddities of the files.
     pub warnings: Vec<String>,
+    ct: Grid<Ct>,
     map: Volume<u16, Ct>,
     further: Vec<(u32, u16)>,
 }
@@ -86,6 +88,7 @@ impl Survey {
         let of_map = map.image.warnings.iter().map(|warning| (labels, warning));
         let mut warnings: Vec<String> =
             of_ct.chain(of_map).map(|(path, warning)| format!("{}: {warning}", path.display())).collect();
+        warnings.extend(beside(ct.volume.grid(), &map).map(|text| format!("{}: {text}", labels.display())));
         let mut added = Vec::new();
         for (path, named) in masks {
             let mask = read_labels(path, AffineChoice::Auto)?;
@@ -124,6 +127,7 @@ impl Survey {
             bone_x_mm: bone_extent_x_mm(&ct.volume, DEFAULT_BONE_HU),
             diagonal_mm: image.volume.grid().diagonal_mm(),
             warnings,
+            ct: ct.volume.grid().clone(),
             map: image.volume,
             further,
         })
@@ -156,14 +160,45 @@ impl Survey {
             robot,
             place,
         };
-        let drafted = draft::draft(&of, file)?;
+        let mut drafted = draft::draft(&of, file)?;
+        drafted.notes.extend(self.outside(choice));
         Ok((side, drafted))
+    }
+
+    /// What a plan will say of the chosen labels that lie outside the CT, wholly or in part.
+    fn outside(&self, choice: &Choice) -> Vec<String> {
+        let target = match choice.target {
+            TargetChoice::Label(place) => Some((place, "the target")),
+            TargetChoice::Shape(_) => None,
+        };
+        let places = choice.structures.iter().map(|place| (*place, "structure"));
+        let chosen: Vec<(&FoundLabel, String)> = target
+            .into_iter()
+            .chain(places)
+            .filter_map(|(place, what)| Some((self.labels.get(place)?, what)))
+            .map(|(label, what)| (label, format!("{what} '{}'", label.called())))
+            .collect();
+        let numbers = chosen.iter().map(|(label, _)| label.number);
+        let extents = label_extents(&self.ct, &self.map, &self.further, numbers);
+        let told = |(label, what): &(&FoundLabel, String)| {
+            let extent = extents.get(&label.number)?;
+            let refusal = extent.refusal(what, label.number).map(|refusal| refusal.to_string());
+            refusal.or_else(|| extent.text(what))
+        };
+        chosen.iter().filter_map(told).collect()
     }
 
     /// Numbers of the labels that share a voxel, a face, an edge or a corner with that one, ascending.
     pub fn beside(&self, number: u16) -> Vec<u16> {
         labels_beside(&self.map, &self.further, number)
     }
+}
+
+/// What a plan will say of a map that lies beside the CT.
+fn beside(ct: &Grid<Ct>, map: &LabelMap) -> Option<String> {
+    let found = Displaced::of(ct, map.image.volume.grid())?;
+    let refusal = found.refusal(map.image.provenance.placement.is_nifti());
+    Some(refusal.map_or_else(|| found.text(), |refusal| refusal.to_string()))
 }
 
 /// Refuses a mask with several values, which is a label map, and one with none.

@@ -44,7 +44,7 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
         ct: &ct,
         labels: &labels,
         further: &[],
-        labels_affine: AffineChoice::Auto,
+        labels_affine: Some(AffineChoice::Auto),
         target: Target::Label(TARGET),
         also: &[],
         less: &[],

@@ -32,7 +32,7 @@ fn scene(spacing_mm: f64) -> Scene {
         ct: &voxels(|v| if v[2] < 20 { 1200.0 } else { -1000.0 }),
         labels: &voxels(|v| if is_target(v) { TARGET } else { 0 }),
         further: &[],
-        labels_affine: AffineChoice::Auto,
+        labels_affine: Some(AffineChoice::Auto),
         target: Target::Label(TARGET),
         also: &also,
         less: &also,

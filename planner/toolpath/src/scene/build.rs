@@ -1,5 +1,6 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bonemill_geometry::TargetRegion;
@@ -14,6 +15,7 @@ use rayon::prelude::*;
 use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
+use super::place::{LabelExtent, label_extents};
 use super::{
     ApproachSpec, ChosenWay, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target,
     hull, labels, mask, obstacles, touching, way_in,
@@ -33,8 +35,8 @@ pub struct SceneSpec<'a> {
     pub labels: &'a Volume<u16, Ct>,
     /// Further labels of its voxels, by their places in memory.
     pub further: &'a [(u32, u16)],
-    /// Which transform of the label map the case chooses.
-    pub labels_affine: AffineChoice,
+    /// Which transform of the label map the case chooses; `None` in a format with a single one.
+    pub labels_affine: Option<AffineChoice>,
     /// What to remove.
     pub target: Target<u16>,
     /// What to remove besides.
@@ -93,17 +95,22 @@ pub struct MemoryNeed {
 ///
 /// # Errors
 /// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a map that does not overlap
-/// the CT or lies beside it, and for grids beyond memory.
+/// the CT or lies beside it, for a label that lies outside the CT, and for grids beyond memory.
 pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let mut warnings = Vec::new();
     check_overlap(spec)?;
-    check_labels(spec)?;
+    let named = named_labels(spec);
+    check_labels(spec, &named)?;
     warnings.extend(labels::displaced(spec)?);
-    warnings.extend(labels::implausible(spec));
+    let numbers = named.iter().map(|(_, label)| *label);
+    let extents = label_extents(spec.ct.grid(), spec.labels, spec.further, numbers);
+    warnings.extend(labels::outside(spec, &named, &extents)?);
+    let (implausible, medians_hu) = labels::looked_at(spec);
+    warnings.extend(implausible);
     let drawn = mask::target_extent(spec)?;
     let target = drawn.points();
     let region = structure_region(spec, &target);
-    let structures = structure_fields(spec, &region)?;
+    let structures = structure_fields(spec, &region, (&extents, &medians_hu))?;
     let (approach, way) = way_in::approach(spec, (&target, &region), &structures)?;
     warnings.extend(way.as_ref().map(ChosenWay::text));
     let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &drawn, &approach)?;
@@ -184,11 +191,8 @@ fn check_overlap(spec: &SceneSpec) -> Result<(), SceneError> {
     Err(SceneError::NoOverlap { ct: extent_text(ct), labels: extent_text(labels) })
 }
 
-/// Every label that the case names is somewhere in the map.
-fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
-    let mut present = vec![false; 1 << 16];
-    let further = spec.further.iter().map(|(_, label)| label);
-    spec.labels.data().iter().chain(further).for_each(|l| present[usize::from(*l)] = true);
+/// What the case names labels for, with the labels.
+fn named_labels(spec: &SceneSpec) -> Vec<(String, u16)> {
     let target = match spec.target {
         Target::Label(label) => Some(("the target".to_owned(), label)),
         _ => None,
@@ -201,12 +205,18 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
         labels.map(move |(n, label)| (format!("target.{list}[{n}]"), label))
     });
     let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
-    for (what, label) in target.into_iter().chain(regions).chain(wanted) {
-        if !present[usize::from(label)] {
-            let present =
-                (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
-            return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
-        }
+    target.into_iter().chain(regions).chain(wanted).collect()
+}
+
+/// Every label that the case names is somewhere in the map.
+fn check_labels(spec: &SceneSpec, named: &[(String, u16)]) -> Result<(), SceneError> {
+    let mut present = vec![false; 1 << 16];
+    let further = spec.further.iter().map(|(_, label)| label);
+    spec.labels.data().iter().chain(further).for_each(|l| present[usize::from(*l)] = true);
+    if let Some((what, label)) = named.iter().find(|(_, label)| !present[usize::from(*label)]) {
+        let present = (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
+        let (label, what) = (*label, what.clone());
+        return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
     }
     Ok(())
 }
@@ -292,12 +302,19 @@ pub(super) fn structure_region(spec: &SceneSpec, target: &[Point<Ct>]) -> Region
     Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.tool.influence_mm }
 }
 
-fn structure_fields(spec: &SceneSpec, region: &Region) -> Result<Vec<SceneStructure>, SceneError> {
+fn structure_fields(
+    spec: &SceneSpec,
+    region: &Region,
+    (extents, medians_hu): (&BTreeMap<u16, LabelExtent>, &[Option<f64>]),
+) -> Result<Vec<SceneStructure>, SceneError> {
     spec.structures
         .par_iter()
-        .map(|(name, label)| {
-            let field = StructureField::new(&whole(spec.labels, spec.further, *label), *label, Some(region))?;
-            Ok(SceneStructure { name: name.clone(), label: *label, field })
+        .zip(medians_hu)
+        .map(|((name, label), median_hu)| {
+            let (name, label, median_hu) = (name.clone(), *label, *median_hu);
+            let field = StructureField::new(&whole(spec.labels, spec.further, label), label, Some(region))?;
+            let volume_mm3 = extents.get(&label).map_or(0.0, |extent| extent.mm3);
+            Ok(SceneStructure { name, label, volume_mm3, median_hu, field })
         })
         .collect()
 }

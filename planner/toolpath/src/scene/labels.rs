@@ -1,18 +1,16 @@
 //! Whether the label map belongs to the CT: it lies where the CT lies, and its labels are where such bodies can be.
 //!
-//! Segmenters have written label maps with the CT's voxels but another spacing or origin. A map of as many voxels as the CT is
-//! expected to fill the CT's box; a map of other dimensions is a crop or a resampling, of which nothing is expected.
+//! Segmenters have written label maps with the CT's voxels but another spacing or origin, and crops of another scan.
 
-use bonemill_geometry::{Ct, Grid, Point};
+use std::collections::BTreeMap;
+
+use bonemill_geometry::{Ct, Point};
 use bonemill_imaging::AffineChoice;
 use rayon::prelude::*;
 
+use super::place::{Displaced, LabelExtent};
 use super::{SceneError, SceneSpec, Target};
 
-/// Smaller displacements are rounding of header fields, voxels.
-const SAME_VOXELS: f64 = 0.01;
-/// Labels displaced by more belong to another place, voxels.
-const MOST_VOXELS: f64 = 1.0;
 /// Voxels of a label that are looked at.
 const SAMPLES: usize = 20_000;
 /// Of these, voxels from which the surroundings are looked at.
@@ -24,40 +22,41 @@ const STEP_MM: f64 = 2.0;
 /// Names of structures that hold air, in lower case, words by spaces.
 const OF_AIR: [&str; 6] = ["ear canal", "external auditory", "middle ear", "tympan", "antrum", "air"];
 
-/// The largest distance of a corner of the CT's box from the nearest corner of the label map's, mm, where both have as many
-/// voxels along their sides; the order and sense in which axes are stored do not matter.
-fn displacement_mm(ct: &Grid<Ct>, labels: &Grid<Ct>) -> Option<f64> {
-    let sorted = |mut dims: [usize; 3]| {
-        dims.sort_unstable();
-        dims
-    };
-    let nearest =
-        |p: &Point<Ct>| labels.corners().iter().map(|q| p.distance_mm(q)).fold(f64::INFINITY, f64::min);
-    (sorted(ct.dims()) == sorted(labels.dims())).then(|| ct.corners().iter().map(nearest).fold(0.0, f64::max))
-}
-
 /// A warning where the map lies beside the CT.
 ///
 /// # Errors
 /// [`SceneError::LabelsDisplaced`] by more than a voxel, unless the case says which transform of the map holds.
 pub(super) fn displaced(spec: &SceneSpec) -> Result<Option<String>, SceneError> {
-    let Some(mm) = displacement_mm(spec.ct.grid(), spec.labels.grid()) else { return Ok(None) };
-    let voxels = mm / spec.ct.grid().spacing_mm().min();
-    if voxels <= SAME_VOXELS {
-        return Ok(None);
+    let Some(found) = Displaced::of(spec.ct.grid(), spec.labels.grid()) else { return Ok(None) };
+    let is_chosen = spec.labels_affine.is_some_and(|choice| choice != AffineChoice::Auto);
+    match found.refusal(spec.labels_affine.is_some()).filter(|_| !is_chosen) {
+        Some(refusal) => Err(refusal),
+        None => Ok(Some(found.text())),
     }
-    if voxels > MOST_VOXELS && spec.labels_affine == AffineChoice::Auto {
-        return Err(SceneError::LabelsDisplaced { mm, voxels });
-    }
-    Ok(Some(format!(
-        "the label map has the CT's dimensions, but lies up to {mm:.3} mm ({voxels:.2} voxels) beside it: were its spacing and \
-         origin taken from the CT?"
-    )))
 }
 
-/// What is implausible about the labels that the case names.
-pub(super) fn implausible(spec: &SceneSpec) -> Vec<String> {
-    let mut warnings = Vec::new();
+/// Warnings of structures that lie outside the CT in part; the target has its own.
+///
+/// # Errors
+/// [`SceneError::LabelOutside`] for a label of the case of which nothing lies in the CT.
+pub(super) fn outside(
+    spec: &SceneSpec,
+    named: &[(String, u16)],
+    extents: &BTreeMap<u16, LabelExtent>,
+) -> Result<Vec<String>, SceneError> {
+    let refusal = |(what, label): &(String, u16)| extents.get(label)?.refusal(what, *label);
+    if let Some(refusal) = named.iter().find_map(refusal) {
+        return Err(refusal);
+    }
+    let structures = spec.structures.iter();
+    let told =
+        structures.filter_map(|(name, label)| extents.get(label)?.text(&format!("structure '{name}'")));
+    Ok(told.collect())
+}
+
+/// What is implausible about the labels that the case names, and the median of each structure's grey values, HU.
+pub(super) fn looked_at(spec: &SceneSpec) -> (Vec<String>, Vec<Option<f64>>) {
+    let (mut warnings, mut medians_hu) = (Vec::new(), Vec::new());
     if let Target::Label(label) = spec.target {
         let found = Found::of(spec, label);
         if found.bone_share < LEAST_BONE && !found.hu.is_empty() {
@@ -86,8 +85,9 @@ pub(super) fn implausible(spec: &SceneSpec) -> Vec<String> {
             ));
         }
         warnings.extend(misplaced);
+        medians_hu.push((!found.hu.is_empty()).then(|| found.median_hu()));
     }
-    warnings
+    (warnings, medians_hu)
 }
 
 /// A label in the CT.
@@ -96,8 +96,6 @@ struct Found {
     hu: Vec<f32>,
     /// Share of these at or above `bone_hu`.
     bone_share: f64,
-    /// Share of its voxels that lies beyond the CT.
-    beyond_share: f64,
     /// Share of its voxels that lies in the air around the body.
     outside_share: f64,
 }
@@ -117,23 +115,15 @@ impl Found {
         let bone = hu.iter().filter(|hu| f64::from(**hu) >= spec.bone_hu).count();
         let views = places.iter().step_by(places.len().div_ceil(VIEWS).max(1));
         let outside = views.clone().filter(|p| is_outside_body(spec, **p)).count();
-        Self {
-            bone_share: share(bone, hu.len()),
-            beyond_share: share(places.len() - hu.len(), places.len()),
-            outside_share: share(outside, views.count()),
-            hu,
-        }
+        Self { bone_share: share(bone, hu.len()), outside_share: share(outside, views.count()), hu }
     }
 
     fn median_hu(&self) -> f64 {
         self.hu.get(self.hu.len() / 2).map_or(0.0, |hu| f64::from(*hu))
     }
 
-    /// A warning where more than half of it lies beyond the CT or outside the body.
+    /// A warning where more than half of it lies outside the body.
     fn misplaced(&self, spec: &SceneSpec, what: &str) -> Option<String> {
-        if self.beyond_share > 0.5 {
-            return Some(format!("{:.0} % of {what} lies outside the CT", 100.0 * self.beyond_share));
-        }
         (self.outside_share > 0.5).then(|| {
             format!(
                 "{:.0} % of {what} lies outside the body, in air (at or below density.air_hu = {} HU) that is open to half of \

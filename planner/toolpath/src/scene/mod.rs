@@ -14,6 +14,7 @@ mod labels;
 mod mask;
 mod matter;
 mod obstacles;
+mod place;
 #[cfg(test)]
 mod tests;
 mod touching;
@@ -29,6 +30,7 @@ pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
 pub use matter::Matter;
+pub use place::{Displaced, LabelExtent, label_extents};
 pub use way_in::{ApproachSpec, ArmHolds, ChosenWay, HoldsAt, Tilts, Way, WayInTool};
 
 use bonemill_imaging::StructureField;
@@ -70,6 +72,10 @@ pub struct SceneStructure {
     pub name: String,
     /// Its label in the map.
     pub label: u16,
+    /// Volume of all its voxels, mm³.
+    pub volume_mm3: f64,
+    /// Median of its grey values in the CT, HU, of at most 20,000 voxels throughout it; `None` where it shares all with others.
+    pub median_hu: Option<f64>,
     /// Exact distance to its voxel boxes; `None` when no voxel of it lies in reach of the tool.
     pub field: Option<StructureField>,
 }
@@ -146,14 +152,32 @@ pub enum SceneError {
     /// The label map lies beside the CT.
     #[error(
         "the label map has the CT's dimensions, but another spacing or origin: its corners lie up to {mm:.3} mm ({voxels:.1} \
-         voxels) beside the CT's, at most 1 voxel is accepted. Write the map anew on the CT's grid; if it does lie where its \
-         own header says, set images.labels_affine to \"sform\" or \"qform\""
+         voxels) beside the CT's, at most 1 voxel is accepted. {}",
+        elsewhere(*is_nifti)
     )]
     LabelsDisplaced {
         /// The largest distance of corners, mm.
         mm: f64,
         /// The same in the CT's smallest voxel spacing.
         voxels: f64,
+        /// Whether the map is a NIfTI file, of whose transforms the case can choose one.
+        is_nifti: bool,
+    },
+    /// Nothing of a label lies in the CT.
+    #[error(
+        "{what} (label {label}) lies wholly outside the CT: the nearest of its {mm3:.2} mm³ is {beyond_mm:.2} mm beyond the scan's \
+         edge. CT and label map do not share a place there: are they of the same scan, and is the map where it was drawn? Give a CT \
+         that holds it, or leave it out of the case"
+    )]
+    LabelOutside {
+        /// What the case names it for.
+        what: String,
+        /// The label's value.
+        label: u16,
+        /// Its volume, mm³.
+        mm3: f64,
+        /// Distance of its nearest voxel's centre from the CT's edge, mm.
+        beyond_mm: f64,
     },
     /// The target holds nothing that can be removed.
     #[error("the target is empty: {0}")]
@@ -248,6 +272,15 @@ pub enum SceneError {
     /// A distance or an image step failed.
     #[error(transparent)]
     Image(#[from] bonemill_imaging::ImageError),
+}
+
+/// What helps where a map lies elsewhere.
+fn elsewhere(is_nifti: bool) -> &'static str {
+    if is_nifti {
+        "Write the map anew on the CT's grid; if it does lie where its own header says, set images.labels_affine to \"sform\" or \"qform\""
+    } else {
+        "Write the map anew on the CT's grid, in 3D Slicer by exporting the segmentation with the CT as its reference volume"
+    }
 }
 
 impl Scene {

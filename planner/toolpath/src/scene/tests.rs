@@ -42,7 +42,7 @@ fn label(voxel: [usize; 3]) -> u16 {
 struct Body {
     ct: Volume<f32, Ct>,
     labels: Volume<u16, Ct>,
-    labels_affine: AffineChoice,
+    labels_affine: Option<AffineChoice>,
     target: Target<u16>,
     also: Vec<TargetRegion<u16>>,
     less: Vec<TargetRegion<u16>>,
@@ -56,7 +56,7 @@ impl Body {
         Self {
             ct: volume(&grid(), |v| if v[2] < AIR_FROM { BONE_HU } else { AIR_HU }),
             labels: volume(&grid(), label),
-            labels_affine: AffineChoice::Auto,
+            labels_affine: Some(AffineChoice::Auto),
             target: Target::Label(TARGET),
             also: vec![],
             less: vec![],
@@ -131,7 +131,11 @@ fn a_label_map_of_the_cts_dimensions_lies_where_the_ct_lies() {
             }
             other => panic!("{other:?}"),
         }
-        let said = Body { labels_affine: AffineChoice::Sform, ..body }.warnings();
+        // only NIfTI has several transforms to choose from
+        let body = Body { labels_affine: None, ..body };
+        let said = body.scene().unwrap_err().to_string();
+        assert!(said.contains(&format!("up to {mm:.3} mm")) && !said.contains("labels_affine"), "{said}");
+        let said = Body { labels_affine: Some(AffineChoice::Sform), ..body }.warnings();
         assert!(said.contains(&format!("{mm:.3} mm")), "{said}");
     }
     // the same map with its axes stored in another order and sense, and a crop of it
@@ -180,12 +184,33 @@ fn implausible_labels_are_told() {
     let of = |v| if is_in(v, [8..17, 9..20, 18..26]) { TARGET } else { label(v) % TARGET };
     let said = Body { labels: volume(&grid(), of), ..Body::new() }.warnings();
     assert!(said.contains("% of the target lies outside the body"), "{said}");
-    // a rod most of which lies beyond the CT
+}
+
+#[test]
+fn a_structure_outside_the_ct_is_told_with_its_volume_and_refused_where_nothing_of_it_is_inside() {
     let crop = Grid::aligned([22, 14, 30], 0.5, grid().origin()).unwrap();
-    let said = Body { ct: volume(&crop, |v| if v[2] < AIR_FROM { BONE_HU } else { AIR_HU }), ..Body::new() };
-    let said = Body { labels: with_rod(&|v| is_in(v, [19..22, 6..33, 14..16])), target: small_box(), ..said }
-        .warnings();
-    assert!(said.contains("70 % of structure 'nerve' lies outside the CT"), "{said}");
+    let rod = |is_rod: [std::ops::Range<usize>; 3]| Body {
+        ct: volume(&crop, |v| if v[2] < AIR_FROM { BONE_HU } else { AIR_HU }),
+        labels: volume(&grid(), |v| ROD * u16::from(is_in(v, is_rod.clone()))),
+        target: small_box(),
+        ..Body::new()
+    };
+    // 19 of 27 voxels along j
+    let said = rod([19..22, 6..33, 14..16]).warnings();
+    assert!(said.contains("70.4 % of structure 'nerve' lies outside the CT: 14.25 of 20.25 mm³"), "{said}");
+    let said = rod([19..22, 20..33, 14..16]).scene().unwrap_err().to_string();
+    // from the face at 13.5 to the centre at 20
+    let parts = ["structure 'nerve' (label 7) lies wholly outside the CT", "9.75 mm³", "3.25 mm beyond"];
+    assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+    // a crop of the CT's grid lies on its voxels, and one that is shifted by half a voxel does not
+    let crop = |by_mm: f64| {
+        let origin = grid().origin().coords + Vector3::new(by_mm, 0.0, 0.0);
+        let crop = Grid::aligned([30, 30, 28], 0.5, Point::from_coords(origin)).unwrap();
+        Body { labels: volume(&crop, label), labels_affine: None, ..Body::new() }.warnings()
+    };
+    assert_eq!([crop(0.0), crop(0.5)], ["", ""]);
+    let said = crop(0.25);
+    assert!(said.contains("lie up to 0.250 mm (0.50 voxels) beside the CT's"), "{said}");
 }
 
 /// A box in the block, away from the rod.

@@ -35,7 +35,7 @@ fn scene(spacing_mm: f64) -> Scene {
         ct: &ct,
         labels: &labels,
         further: &[],
-        labels_affine: AffineChoice::Auto,
+        labels_affine: Some(AffineChoice::Auto),
         target: Target::Label(TARGET),
         also: &[],
         less: &[],

@@ -50,7 +50,7 @@ fn found_for(
         ct: &ct,
         labels: &labels,
         further: &[],
-        labels_affine: AffineChoice::Auto,
+        labels_affine: Some(AffineChoice::Auto),
         target: Target::Label(TARGET),
         also: &[],
         less: &[],
