@@ -18,6 +18,7 @@ use bonemill_prosthesis::verify::Verdict;
 use serde_json::{Map, json};
 
 use crate::args::Talk;
+use crate::planning::Planned;
 
 /// The result of a subcommand that did not end with an error.
 pub struct Outcome {
@@ -66,7 +67,7 @@ impl Outcome {
     }
 
     /// A plan was written to `out`.
-    pub fn planned(out: &Path, record: &PlanRecord) -> Self {
+    pub fn planned(out: &Path, Planned { record, images, headers }: Planned) -> Self {
         let m = &record.metrics;
         let share = |name| percent(m.number(name).unwrap_or(0.0));
         let text = format!(
@@ -81,11 +82,19 @@ impl Outcome {
             share("reached_share"),
             m.total_time_s
         );
-        let text = record.channel().map_or(text, |channel| channel_text(out, record, &channel));
-        let mut outcome = Self::new("plan", text).warning(&record.warnings);
+        let text = record.channel().map_or(text, |channel| channel_text(out, &record, &channel));
+        let told = (headers > 0).then(|| {
+            format!(
+                "--pack keeps {headers} DICOM files with their headers, which hold the patient's name, number and dates: the plan may \
+                 go only where the scan itself may"
+            )
+        });
+        let warnings: Vec<String> = told.into_iter().chain(record.warnings.iter().cloned()).collect();
+        let mut outcome = Self::new("plan", text).warning(&warnings);
         outcome.shortfalls.clone_from(&record.shortfalls);
         outcome.object.insert("out".into(), out.to_string_lossy().into());
         outcome.object.insert("metrics".into(), to_json(&Value::Table(m.entries())));
+        outcome.object.insert("images".into(), images);
         outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
         outcome
     }

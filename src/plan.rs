@@ -42,9 +42,9 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     // a phantom's files are in the plan anyway
     let pack = args.pack && args.phantom.is_none();
     let ct_slices = if args.no_slices { CtSlices::LeftOut } else { CtSlices::Shown };
-    let record = planning::plan_into(&case, &case_path, (pack, ct_slices), &staged, progress)?;
+    let planned = planning::plan_into(&case, &case_path, (pack, ct_slices), &staged, progress)?;
     let out = staged.commit()?;
-    Ok(Outcome::planned(&out, &record))
+    Ok(Outcome::planned(&out, planned))
 }
 
 /// The stages of planning a phantom or a case.
@@ -92,6 +92,10 @@ fn at_level(
     let decided = ["grid.spacing_mm", "path.step_mm", "accuracy"].map(|key| (key.to_owned(), None));
     let mut values: Vec<(String, Option<String>)> = decided.into();
     values.push(("accuracy.level".into(), Some(format!("\"{level}\""))));
+    // a series by its name, whatever the file says
+    values.extend(
+        case.images.ct_series.iter().map(|name| ("images.ct_series".into(), Some(format!("\"{name}\"")))),
+    );
     let path = if case_path.starts_with(staged.path()) {
         case_path.to_owned()
     } else {

@@ -2,6 +2,9 @@
 
 use std::fs;
 
+use serde_json::Value;
+
+use crate::support::body;
 use crate::support::place::Place;
 
 /// The cells of a key's row in the report's table of parameters: value, meaning, from.
@@ -48,6 +51,36 @@ fn every_value_says_whether_the_case_gave_it_by_presence() {
     );
 }
 
+/// What a reader who knows the patient checks first: size, unit and sense of the images, volume and grey values of the bodies.
+#[test]
+fn the_head_tells_what_the_images_are_and_what_the_bodies_hold() {
+    let place = Place::healthy();
+    place.put_ct(&body::ct().stored_as([2, 0, 1], [true, false, false]));
+    let ran = place.run(&["plan", "case.toml", "--out", "plan", "--json"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
+    let row = |name: &str, cells: &[&str]| format!("<tr><th>{name}</th><td>{}</td>", cells.join("</td><td>"));
+    let [voxel, pocket_mm3, nerve_mm3] = ["0.5 × 0.5 × 0.5", "217.9", "6.0"];
+    for expected in [
+        row("CT", &["30 × 40 × 40", voxel, "15.0 × 20.0 × 20.0", "IRA"]),
+        row("labels", &["40 × 40 × 30", voxel, "20.0 × 20.0 × 15.0", "RAS"]),
+        // of 1743 and 48 voxels
+        row("target", &[pocket_mm3]),
+        row("nerve", &[nerve_mm3]),
+    ] {
+        assert!(page.contains(&expected), "{expected}");
+    }
+    assert!(page.find("<h2>Images</h2>") < page.find("<summary>Terms on this page"), "at the head");
+    let images = &serde_json::from_str::<Value>(&ran.out).unwrap()["images"];
+    assert_eq!((&images["ct"]["axes"], &images["labels"]["axes"]), (&"IRA".into(), &"RAS".into()));
+    for (n, volume_mm3) in [(0, 1743.0 / 8.0), (1, 6.0)] {
+        let body = &images["bodies"][n];
+        assert!((body["volume_mm3"].as_f64().unwrap() - volume_mm3).abs() < 1e-9, "{images}");
+        // the bone's texture lies between
+        assert!((1100.0..=1300.0).contains(&body["median_hu"].as_f64().unwrap()), "{images}");
+    }
+}
+
 /// Without slices no picture is in the page, and only the page differs; a later command puts none in.
 #[track_caller]
 fn leaves_slices_out(place: &Place, arguments: &[&str]) {
@@ -73,7 +106,8 @@ fn leaves_slices_out(place: &Place, arguments: &[&str]) {
         !without.contains("<image") && !without.contains("base64") && !without.contains("<img"),
         "a picture"
     );
-    assert!(without.contains("holds no grey values of the scan"));
+    assert!(without.contains("holds no voxel of the scan"));
+    assert!(with.contains("<h2>Images</h2>") && without.contains("<h2>Images</h2>"));
     // the drawn path is there all the same
     assert_eq!(
         with.matches("<figure class=\"slice\">").count(),

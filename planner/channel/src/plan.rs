@@ -197,11 +197,14 @@ impl ChannelJob<'_> {
         warnings.extend(tools::warnings(self.case, &arm));
         warnings.extend(registered.warnings(self.case));
         warnings.extend(room::warning(self.case, room.as_ref()));
-        let placements = [self.images.ct.provenance.placement, self.images.labels.provenance.placement];
+        let (ct, labels) = (&self.images.ct, &self.images.labels);
+        let placements = [ct.provenance.placement, labels.provenance.placement];
+        let grids = [ct.volume.grid().clone(), labels.volume.grid().clone()];
         Ok(Setup {
             case: self.case.clone(),
             inputs: vec![],
             placements,
+            grids,
             scene,
             arm,
             registered,

@@ -136,7 +136,10 @@ pub const DESCRIBED: &[Described] = &[
 
 /// The frames by name and meaning.
 pub const FRAMES: [(&str, &str); 6] = [
-    ("ct", "The scan's RAS+ mm world, as the NIfTI affine gives it. Plans are stored in it."),
+    (
+        "ct",
+        "The scan's RAS+ mm world, in which the images' headers place their voxels. Plans are stored in it.",
+    ),
     (
         "work",
         "The frame in which θ and φ are measured: origin at the centre of the planning grid's first voxel, z along the approach, \

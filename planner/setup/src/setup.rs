@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use bonemill_arm::Arm;
 use bonemill_case::{Case, Registration};
-use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_geometry::{Base, Ct, Grid, Rigid, Work};
 use bonemill_imaging::Placement;
 use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
 use bonemill_robot::room::Room;
@@ -25,6 +25,8 @@ pub struct Setup {
     pub inputs: Vec<(Input, PathBuf)>,
     /// What places the voxels of the CT and of the labels.
     pub placements: [Placement; 2],
+    /// Voxels of the CT and of the labels.
+    pub grids: [Grid<Ct>; 2],
     /// Images as planned on.
     pub scene: Scene,
     /// The arm, with its tool and limits.
@@ -60,7 +62,9 @@ impl Setup {
         warnings.extend(registered.warnings(case));
         warnings.extend(room::warning(case, room.as_ref()));
         let placements = [images.ct.provenance.placement, images.labels.provenance.placement];
-        Ok(Self { case: case.clone(), inputs: files, placements, scene, arm, registered, room, warnings })
+        let grids = [images.ct.volume.grid().clone(), images.labels.volume.grid().clone()];
+        let case = case.clone();
+        Ok(Self { case, inputs: files, placements, grids, scene, arm, registered, room, warnings })
     }
 
     /// Where the planning grid is, seen from the arm.

@@ -12,7 +12,7 @@ use bonemill_channel::{ChannelPlan, deepest_waypoint};
 use bonemill_planfile::{PlungeRow, ReportPart};
 
 use crate::pages::report::chart::{Series, chart_over};
-use crate::pages::report::{CtSlices, escape, frame};
+use crate::pages::report::{CtSlices, escape, frame, images};
 use crate::pages::show::{STRUCTURE_COLOURS, css};
 
 /// The whole page.
@@ -21,6 +21,7 @@ pub fn html(plan: &ChannelPlan, ct_slices: CtSlices) -> String {
     let title = if reams { "Reaming plan" } else { "Channel plan" };
     let mut page = frame::head(title, &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
+    page.push_str(&images::section(&plan.setup));
     page.push_str(&ReportPart::Verification.marks().concat());
     let is_shown = ct_slices == CtSlices::Shown;
     page.push_str(if is_shown { "<h2>The corridor in the images</h2>" } else { "<h2>The corridor</h2>" });

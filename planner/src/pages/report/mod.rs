@@ -8,6 +8,7 @@ mod columns;
 pub mod compare;
 mod compared;
 pub(crate) mod frame;
+pub mod images;
 mod peak;
 pub mod run;
 pub mod simulation;
@@ -50,7 +51,7 @@ impl CtSlices {
                  steps, tinted where structures lie. Whoever gets this page gets them. <code>--no-slices</code> leaves them out.</p>"
             }
             Self::LeftOut => {
-                "<p class=\"note\">The slices of the CT are left out (<code>--no-slices</code>): this page holds no grey values of the scan and no outlines of structures.</p>"
+                "<p class=\"note\">The slices of the CT are left out (<code>--no-slices</code>): this page holds no voxel of the scan and no outline of a structure, of grey values only each body's median.</p>"
             }
         }
     }
@@ -60,6 +61,7 @@ impl CtSlices {
 pub fn html(plan: &Plan, ct_slices: CtSlices) -> String {
     let mut page = frame::head("Milling plan", &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
+    page.push_str(&images::section(&plan.setup));
     page.push_str(terms::TERMS);
     page.push_str(&ReportPart::Verification.marks().concat());
     let is_shown = ct_slices == CtSlices::Shown;
