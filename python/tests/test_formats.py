@@ -243,31 +243,49 @@ def test_a_dicom_segmentation_and_a_folder_of_masks_are_the_same_labels(
 
 def test_nothing_of_the_patient_is_printed_or_written(images: SimpleNamespace, command: Path, tmp_path: Path) -> None:
     pydicom, hd = pytest.importorskip("pydicom"), pytest.importorskip("highdicom")
-    write_series(pydicom, images, tmp_path / "dicom")
+    (tmp_path / "dicom").mkdir()
+    for series in ("a", "b"):
+        write_series(pydicom, images, tmp_path / "dicom" / series)
     write_seg(hd, images, segments(images, overlap=False), tmp_path / "seg.dcm")
-    for source in (*(tmp_path / "dicom").iterdir(), tmp_path / "seg.dcm"):
+    for source in (*(tmp_path / "dicom").rglob("IM*"), tmp_path / "seg.dcm"):
         assert b"PATIENT-7" in source.read_bytes(), "the inputs have what must not get out"
-    case, packed, plan, scene = (tmp_path / name for name in ("case.toml", "packed", "plan", "scene"))
-    said = []
+    case, of_ur, packed, plan, ur, out = (tmp_path / n for n in ("case.toml", "ur.toml", "packed", "plan", "ur", "out"))
+    make = ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out"]
+    # of several series, a list of names that are no UIDs
+    refused = run(command, *make, case)
+    uids = [pydicom.dcmread(tmp_path / "dicom" / series / "IM0350").SeriesInstanceUID for series in ("a", "b")]
+    names = [hashlib.sha256(uid.encode()).hexdigest()[:12] for uid in uids]
+    assert refused.returncode == 2 and all(f"{name} (CT, " in refused.stderr for name in names), refused.stderr
+    said = [refused.stdout, refused.stderr]
     for words in (
-        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--json"],
-        ["case", tmp_path / "dicom", tmp_path / "seg.dcm", "--out", case, "--force"],
+        [*make, case, "--ct-series", names[0], "--json"],
+        [*make, case, "--ct-series", uids[0], "--force"],
+        [*make, of_ur, "--ct-series", uids[0], "--robot", "ur5e"],
         ["plan", case, "--out", packed, "--pack", "--json"],
         ["plan", case, "--out", plan],
+        ["plan", case, "--out", tmp_path / "no-slices", "--no-slices"],
+        ["plan", of_ur, "--out", ur, "--accuracy", "coarse"],
         ["verify", plan, "--json"],
         ["verify", plan, "--all"],
         ["simulate", plan, "--json"],
-        ["export", plan, "--format", "slicer", "--out", scene],
+        ["export", plan, "--format", "slicer", "--out", out / "scene"],
+        ["export", plan, "--format", "gcode", "--out", out, "--unverified"],
+        ["export", ur, "--format", "ros", "--out", out, "--unverified"],
+        ["export", ur, "--format", "urscript", "--out", out, "--unverified"],
     ):
         done = run(command, *words)
         assert done.returncode == 0, done.stdout + done.stderr
         said += [done.stdout, done.stderr]
-    # the packed inputs are the files that were named, and have their headers
+    assert tomllib.loads(case.read_text())["images"]["ct_series"] == names[0]
+    assert names[0] in (plan / "report.html").read_text(), "the page shows the case"
+    # the packed inputs are the files that were named, and have their headers, which is told
+    count = len(list((tmp_path / "dicom" / "a").iterdir())) + 1
+    assert any(f"keeps {count} DICOM files with their headers" in text for text in said), said
     for kept in (p for p in packed.rglob("*") if p.is_file() and p.read_bytes()[128:132] == b"DICM"):
         kept.unlink()
-    assert_no_secret(case, packed, plan, scene, *said)
+    assert_no_secret(case, of_ur, packed, plan, tmp_path / "no-slices", ur, out, *said)
     # a refusal, too
-    (tmp_path / "dicom" / "IM0350").unlink()
+    (tmp_path / "dicom" / "a" / "IM0350").unlink()
     refused = run(command, "plan", case, "--out", tmp_path / "no")
     assert refused.returncode == 2 and "missing" in refused.stderr, refused.stdout + refused.stderr
     assert_no_secret(refused.stdout, refused.stderr)
@@ -362,6 +380,7 @@ def test_labels_beside_the_ct_are_refused_in_every_format(
     (folder / "case.toml").write_text(named(images, "series", name))
     refused = run(command, "plan", folder / "case.toml", "--out", folder / "no")
     assert refused.returncode == 2 and "(2.5 voxels) beside the CT's" in refused.stderr, refused.stderr
+    assert ("labels_affine" in refused.stderr) == (name == "labels.nii"), "a key that only NIfTI has"
 
 
 def test_every_file_that_is_read_has_its_digest(images: SimpleNamespace, command: Path, folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import warnings
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -123,7 +124,8 @@ class Plan:
         Args:
             path: the folder to write.
             pack: keep copies of all inputs in the plan, so that it can be moved or sent as it is; also done when the plan
-                was made with ``pack=True`` or was read with such copies.
+                was made with ``pack=True`` or was read with such copies. DICOM files keep their header with the patient's name: a
+                UserWarning says so.
             slices: whether ``report.html`` shows slices of the CT; False lets the page go where the scan may not. The page of
                 a plan that was read is copied as it is.
 
@@ -134,7 +136,15 @@ class Plan:
             PlanFileError: the folder cannot be written, or holds something else; an input to be copied is missing.
         """
         in_memory = self._case is not None and self._case._folder is not None
-        return self._made.save(Path(path), (pack or self._pack, in_memory), slices)
+        saved = self._made.save(Path(path), (pack or self._pack, in_memory), slices)
+        headers = sum(_is_dicom(file) for file in (saved / "inputs").rglob("*") if file.is_file())
+        if headers:
+            warnings.warn(
+                f"the plan keeps {headers} DICOM files with their headers, which hold the patient's name, number and dates: it may go"
+                " only where the scan itself may",
+                stacklevel=2,
+            )
+        return saved
 
     def to_slicer(self, path: str | os.PathLike[str], *, progress: Progress | None = None) -> Path:
         """Writes the plan as files for 3D Slicer; opening ``plan.mrml`` there shows them beside the case's CT.
@@ -318,6 +328,12 @@ def _as_plan(plan: Plan | str | os.PathLike[str]) -> Plan:
         return Plan.load(plan)
     hint = "; bonemill.plan(case) makes one" if isinstance(plan, Case) else ""
     raise ArrayError(f"plan is {type(plan).__name__}: expected a Plan or a plan's folder{hint}")
+
+
+def _is_dicom(file: Path) -> bool:
+    """Whether a file has DICOM's mark behind its preamble."""
+    with file.open("rb") as opened:
+        return opened.read(132)[128:] == b"DICM"
 
 
 def _restore(files: dict[str, bytes], case_path: str, inputs: str | None, pack: bool) -> Plan:
