@@ -80,7 +80,7 @@ pub(super) fn unread(path: &Path) -> Option<&'static str> {
     let is_skip = |field: &&str| get(field).is_some_and(|text| text != "0");
     if matches!(get("encoding")?.as_str(), "ascii" | "text" | "txt") {
         Some("an NRRD file with numbers as text")
-    } else if ["line skip", "lineskip", "byte skip", "byteskip"].iter().any(|field| is_skip(field)) {
+    } else if ["line skip", "lineskip", "byte skip", "byteskip"].iter().any(is_skip) {
         Some("an NRRD file with lines or bytes to skip")
     } else if ["data file", "datafile"].iter().any(|field| get(field).is_some_and(|text| text.contains('%')))
     {
