@@ -141,7 +141,7 @@ pub struct CaseArgs {
     /// CT: an image file, or a folder with a DICOM series
     #[arg(value_name = "CT")]
     pub ct: PathBuf,
-    /// The label map with target and structures; further files are masks of one structure each, on its grid, named by their files
+    /// The label map, or a folder of masks; further files are label maps or masks, target and structures among them, named by their files
     #[arg(value_name = "LABELS", required = true)]
     pub labels: Vec<PathBuf>,
     /// Case file to write

@@ -10,7 +10,7 @@ use bonemill_planner::case::draft::{
     self, Choice, Drafted, FoundLabel, ImagePaths, KnownPlace, Role, SideFound, TargetChoice, TargetWish,
     Wishes,
 };
-use bonemill_planner::case::{Case, Target};
+use bonemill_planner::case::{Case, LabelRef, Target};
 use bonemill_planner::plan::{relative_path, replace};
 use bonemill_planner::survey::Survey;
 use nalgebra::Vector3;
@@ -35,7 +35,7 @@ pub fn run(args: &CaseArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     let approach = args.approach.as_deref().map(approach).transpose()?;
     let place = known_place(args)?;
     progress.stage("read images");
-    let survey = Survey::read(&args.ct, args.ct_series.as_deref(), labels, &masks)?;
+    let survey = Survey::read(&args.ct, args.ct_series.as_deref(), (labels, &images.labels), &masks)?;
     let choice = draft::choose(&survey.labels, &wishes(args)).inspect_err(|_| {
         // what there is to choose from
         progress.note(table(&survey.labels, None).trim_end());
@@ -147,7 +147,11 @@ fn table(labels: &[FoundLabel], choice: Option<&Choice>) -> String {
         "label", "name", "mm³", "mean HU", "5 to 95 %"
     );
     for (n, label) in labels.iter().enumerate() {
-        let number = if label.mask.is_some() { "mask".into() } else { label.number.to_string() };
+        let number = match &label.of {
+            LabelRef::File { label: None, .. } => "mask".into(),
+            LabelRef::File { label: Some(_), .. } => "file".into(),
+            _ => label.number.to_string(),
+        };
         let hu = label.survey.as_ref().and_then(|survey| survey.hu);
         let mean = hu.map_or("-".into(), |hu| format!("{:.0}", hu.mean_hu));
         let range = hu.map_or("-".into(), |hu| format!("{} to {}", hu.low_hu, hu.high_hu));
@@ -182,9 +186,9 @@ fn figures(labels: &[FoundLabel], choice: &Choice, case: &Case, side: &SideFound
     let label = |(label, role): (&FoundLabel, &Role)| {
         let hu = label.survey.as_ref().and_then(|survey| survey.hu);
         json!({
-            "number": label.mask.is_none().then_some(label.number),
+            "number": label.of.file().is_none().then_some(label.number),
             "name": label.name,
-            "file": label.mask.as_ref().map(|file| file.to_string_lossy()),
+            "file": label.of.file().map(|file| file.to_string_lossy()),
             "volume_mm3": label.volume_mm3(),
             "mean_hu": hu.map(|hu| hu.mean_hu),
             "hu_05_95": hu.map(|hu| [hu.low_hu, hu.high_hu]),
@@ -197,12 +201,12 @@ fn figures(labels: &[FoundLabel], choice: &Choice, case: &Case, side: &SideFound
         .map(|s| json!({ "name": s.name, "clearance_mm": s.clearance_mm, "priority": s.priority }))
         .collect();
     let target = match choice.target {
-        TargetChoice::Label(place) => labels.get(place).map(|label| label.number),
+        TargetChoice::Label(place) => labels.get(place).filter(|label| label.of.file().is_none()),
         TargetChoice::Shape(_) => None,
     };
     json!({
         "labels": labels.iter().zip(&choice.roles).map(label).collect::<Vec<_>>(),
-        "target_label": target,
+        "target_label": target.map(|label| label.number),
         "structures": structures,
         "side": side.side.map(|side| side.word()),
         "side_reason": side.reason,

@@ -281,19 +281,6 @@ fn a_target_of_air_is_refused() {
 }
 
 #[test]
-fn a_target_that_touches_a_structure_is_refused_with_the_place() {
-    // voxels that meet at a corner touch: target voxel (26, 25, 15), structure voxel (27, 26, 14)
-    let place = Place::healthy().with_labels(|labels| labels.fill([27..30, 26..30, 12..15], NERVE));
-    place.refuses(&[
-        &place.line_of("[target]"),
-        "touches structure 'nerve'",
-        "ct (2.00, 4.50, 10.50) mm",
-        "voxel [26, 25, 15]",
-        "separate them",
-    ]);
-}
-
-#[test]
 fn a_target_outside_the_scan_is_refused_with_both_extents() {
     for shape in [
         "box = { min_mm = [100, 0, 0], max_mm = [110, 10, 10] }",

@@ -120,7 +120,7 @@ fn masks_of_single_structures_are_named_by_their_files() {
     assert_eq!(ran.code, 0, "{}", ran.err);
     let structure = &read(&place).structures[0];
     assert_eq!((structure.name.as_str(), structure.clearance_mm), ("Chorda_L", 0.5));
-    assert_eq!(structure.label, LabelRef::File("Chorda_L.nii".into()));
+    assert_eq!(structure.label, mask("Chorda_L.nii"));
     assert!(ran.out.contains("side left"), "{}", ran.out);
     fs::remove_file(place.path("case.toml")).unwrap();
     let refuses = |more: &[&str], parts: &[&str]| {
@@ -128,15 +128,63 @@ fn masks_of_single_structures_are_named_by_their_files() {
     };
     refuses(&["Chorda_L.nii", "./Chorda_L.nii"], &["Chorda_L.nii is given twice"]);
     refuses(&["labels.nii"], &["labels.nii is given twice"]);
-    refuses(&["Chorda_L.nii", "--target", "Chorda_L"], &["a mask in a file of its own is a structure"]);
-    fs::write(place.path("two.nii"), body::labels().bytes(Stored::Unsigned16)).unwrap();
-    refuses(&["two.nii"], &["two.nii", "labels [7, 20]", "a mask of one structure"]);
     let mut other = body::labels();
     other.affine[0][3] += 1.0;
     other.values.iter_mut().for_each(|value| *value = if *value > 0.0 { 1.0 } else { 0.0 });
     fs::write(place.path("beside.nii"), other.bytes(Stored::Unsigned16)).unwrap();
-    refuses(&["beside.nii"], &["beside.nii", "another grid"]);
+    refuses(&["beside.nii"], &["beside.nii", "another spacing or origin", "1.000 mm"]);
+    other.values.fill(0.0);
+    fs::write(place.path("empty.nii"), other.bytes(Stored::Unsigned16)).unwrap();
+    refuses(&["empty.nii"], &["empty.nii"]);
     assert!(!place.path("case.toml").exists());
+}
+
+/// A mask in a file of its own.
+fn mask(path: &str) -> LabelRef {
+    LabelRef::File { path: path.into(), label: None }
+}
+
+#[test]
+fn a_folder_of_masks_and_a_target_of_its_own_make_a_case_that_is_planned() {
+    let place = named();
+    let only = |of: &[(f32, f32)]| {
+        let mut labels = body::labels();
+        let number =
+            |value: f32| of.iter().find(|(label, _)| *label == value).map_or(0.0, |(_, number)| *number);
+        labels.values.iter_mut().for_each(|value| *value = number(*value));
+        labels.bytes(Stored::Unsigned16)
+    };
+    for name in ["labels.nii", "labels.json"] {
+        fs::remove_file(place.path(name)).unwrap();
+    }
+    fs::create_dir(place.path("masks")).unwrap();
+    fs::write(place.path("masks/facial_nerve.nii"), only(&[(body::NERVE, 1.0)])).unwrap();
+    fs::write(place.path("masks/skull.nii"), only(&[(body::TARGET, 1.0)])).unwrap();
+    fs::write(place.path("my_target.nii"), only(&[(body::TARGET, 1.0)])).unwrap();
+    let ran = place.run(&["case", "ct.nii", "masks", "my_target.nii", "--out", "case.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let case = read(&place);
+    assert_eq!(case.images.labels.to_str(), Some("masks"));
+    assert_eq!(case.target, Target::Label(mask("my_target.nii")));
+    assert_eq!(case.structures[0].label, LabelRef::Name("facial_nerve".into()));
+    let planned = place.run(&["plan", "case.toml", "--out", "plan"]);
+    assert!(planned.code < 2 && planned.out.contains("removed"), "{}{}", planned.out, planned.err);
+    // files alone: the first is a mask too; and one file of several labels
+    let ran = place.run(&["case", "ct.nii", "masks/facial_nerve.nii", "my_target.nii", "--out", "b.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let text = fs::read_to_string(place.path("b.toml")).unwrap();
+    let of_files = Case::parse(&text, &place.path("b.toml")).unwrap();
+    assert_eq!(of_files.structures[0].label, mask("masks/facial_nerve.nii"));
+    fs::create_dir(place.path("two")).unwrap();
+    fs::write(place.path("two/all.nii"), only(&[(body::NERVE, 1.0), (body::TARGET, 2.0)])).unwrap();
+    fs::write(place.path("two/labels.json"), "{\"chorda\": 1, \"bone\": 2}").unwrap();
+    let ran = place.run(&["case", "ct.nii", "my_target.nii", "two/all.nii", "--out", "c.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let of_two =
+        Case::parse(&fs::read_to_string(place.path("c.toml")).unwrap(), &place.path("c.toml")).unwrap();
+    let chorda = Some(Box::new(LabelRef::Name("chorda".into())));
+    assert_eq!(of_two.structures[0].label, LabelRef::File { path: "two/all.nii".into(), label: chorda });
+    assert_eq!(of_two.structures.len(), 1);
 }
 
 #[test]

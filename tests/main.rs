@@ -24,6 +24,7 @@ mod executed;
 mod export;
 mod felt;
 mod forces;
+mod label_files;
 mod labels;
 mod least_share;
 mod numbers;

@@ -50,10 +50,10 @@ pub use density::DensityTable;
 pub use distance::{DistanceField, distance_only, distance_transform, distance_within};
 pub use error::ImageError;
 pub use formats::{
-    AffineChoice, AffineFault, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, DicomProblem,
-    ForeignFormat, FormatProblem, Image, LabelMap, MASK_ENDINGS, NiftiProblem, Placement, Provenance,
-    ReadWarning, SHEAR_LIMIT_RAD, SPACING_RANGE_MM, SeriesFound, Shared, is_dicom, read_ct, read_ct_series,
-    read_label_map, read_labels, series_name, whole,
+    AddFault, Added, AffineChoice, AffineFault, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS,
+    DicomProblem, Fit, ForeignFormat, FormatProblem, Image, LabelMap, MASK_ENDINGS, NiftiProblem, Placement,
+    Provenance, ReadWarning, SHEAR_LIMIT_RAD, SPACING_RANGE_MM, SeriesFound, Shared, displacement_mm,
+    is_dicom, read_ct, read_ct_series, read_label_map, read_labels, series_name, whole,
 };
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu, padding_to_air};
 pub use label_survey::{GreyValues, LabelSurvey, bone_extent_x_mm, labels_beside, survey_labels};

@@ -368,6 +368,28 @@ def test_a_case_from_images_in_memory_is_that_of_the_command(
         bonemill.Case.from_images(3, labels)  # type: ignore[arg-type]
 
 
+def test_a_case_from_images_takes_masks_and_places(images: SimpleNamespace, folder: Path) -> None:
+    names = json.loads((images.folder / "labels.json").read_text())
+    ct, labels = (nib.load(images.folder / name) for name in ("ct.nii.gz", "labels.nii.gz"))
+    values = np.asarray(labels.dataobj)
+    mask = {name: ((values == names[name]).astype(np.uint8), labels.affine) for name in ("target", "facial_nerve")}
+    points = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5], [-7.0, 8.0, 9.0]]
+    nerve = {"facial_nerve": mask["facial_nerve"]}
+    case = bonemill.Case.from_images(ct, mask["target"], masks=nerve, target=1, fiducials=points)
+    made = tomllib.loads(case.text)
+    assert made["target"]["file"] == "labels.nii"
+    assert [structure["file"] for structure in made["structure"]] == ["facial_nerve.nii"]
+    assert "ct_mm = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5], [-7.0, 8.0, 9.0]]" in case.text
+    for name, (data, affine) in mask.items():
+        nib.save(nib.Nifti1Image(data, affine), folder / f"{name}.nii.gz")
+    files = [folder / "target.nii.gz", folder / "facial_nerve.nii.gz"]
+    for masks in (files[1:], folder / "facial_nerve.nii.gz"):
+        of_files = tomllib.loads(bonemill.Case.from_images(ct, files[0], masks=masks).text)
+        assert (of_files["target"]["file"], of_files["structure"][0]["file"]) == tuple(map(str, files))
+    with pytest.raises(bonemill.ArrayError, match="expected points"):
+        bonemill.Case.from_images(ct, files[0], fiducials=[[1.0]])
+
+
 @pytest.mark.parametrize("name", ["labels.nrrd", "labels.mha", "labels.nii"])
 def test_labels_beside_the_ct_are_refused_in_every_format(
     images: SimpleNamespace, command: Path, folder: Path, name: str

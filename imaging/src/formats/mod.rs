@@ -6,6 +6,7 @@
 //! reports what is wrong with it. A wrong transform mirrors the patient silently: what cannot be read for certain is refused.
 
 mod dicom;
+mod fit;
 mod foreign;
 mod labels;
 mod masks;
@@ -30,8 +31,9 @@ use crate::error::ImageError;
 use crate::names::LabelNames;
 
 pub use dicom::{DicomProblem, SeriesFound, is_dicom, series_name};
+pub use fit::Fit;
 pub use foreign::ForeignFormat;
-pub use labels::{LabelMap, Shared, whole};
+pub use labels::{AddFault, Added, LabelMap, Shared, displacement_mm, whole};
 pub use masks::MASK_ENDINGS;
 pub use nifti::{AffineChoice, AffineReport, AffineSource, NiftiProblem};
 pub use problem::FormatProblem;

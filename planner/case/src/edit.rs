@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use super::suggest::nearest;
-use super::{Case, CaseError, CaseFault, LabelRef, Located, keys};
+use super::{Case, CaseError, CaseFault, Located, keys};
 
 /// The text of a case with keys set to new values, written as TOML, or taken out (`None`). A structure's keys are
 /// `structure.NAME.KEY`. Only what stands in the text is written: defaults stay defaults. Comments are lost.
@@ -45,10 +45,10 @@ impl Case {
     pub fn files(&self) -> Vec<(String, &Path)> {
         let images = [("images.ct", self.images.ct.as_path()), ("images.labels", &self.images.labels)];
         let named = images.into_iter().chain(self.robot.files()).chain(self.tool.files());
-        let masks = self.structures.iter().filter_map(|structure| {
-            let LabelRef::File(path) = &structure.label else { return None };
-            Some((format!("structure.{}.file", structure.name), path.as_path()))
-        });
+        let structures = self.structures.iter().map(|s| (format!("structure.{}", s.name), &s.label));
+        let of_target = self.labels().into_iter().filter(|(table, _)| table.starts_with("target"));
+        let labels = of_target.chain(structures);
+        let masks = labels.filter_map(|(table, label)| Some((format!("{table}.file"), label.file()?)));
         named.map(|(key, path)| (key.to_owned(), path)).chain(masks).collect()
     }
 }
@@ -57,6 +57,15 @@ fn set(root: &mut Table, key: &str, value: Option<Value>) -> Result<(), CaseFaul
     let unknown = |nearest: Option<String>| CaseFault::UnknownKey { key: key.into(), nearest };
     let entries = keys::case_entries();
     let known = |path: &str| {
+        // an entry of a list of regions has the keys of the target
+        let entry = path.split('.').filter_map(|part| part.split('[').next()).collect::<Vec<_>>().join(".");
+        let own = ["target.less.", "target.also."].iter().find_map(|list| entry.strip_prefix(list));
+        let entry = match own {
+            Some("margin_mm") => keys::REGION_MARGIN.path.to_owned(),
+            Some(own) => format!("target.{own}"),
+            None => entry,
+        };
+        let path = entry.as_str();
         entries.iter().any(|e| e.path.strip_prefix(path).is_some_and(|r| r.is_empty() || r.starts_with('.')))
     };
     let close = |path: &str| nearest(path, entries.iter().map(|e| e.path)).map(str::to_owned);
@@ -91,6 +100,11 @@ fn set(root: &mut Table, key: &str, value: Option<Value>) -> Result<(), CaseFaul
 /// Sets or takes out a key below a table; tables on the way are made. `None` where something on the way is no table.
 fn place(table: &mut Table, key: &str, value: Option<Value>) -> Option<()> {
     match (key.split_once('.'), value) {
+        (Some((head, rest)), value) if head.ends_with(']') => {
+            let (list, n) = head.trim_end_matches(']').split_once('[')?;
+            let entry = table.get_mut(list)?.as_array_mut()?.get_mut(n.parse::<usize>().ok()?)?;
+            place(entry.as_table_mut()?, rest, value)
+        }
         (Some((head, rest)), value) => {
             let below = table.entry(head).or_insert_with(|| Value::Table(Table::new()));
             place(below.as_table_mut()?, rest, value)
@@ -147,6 +161,24 @@ mod tests {
     }
 
     #[test]
+    fn every_file_of_a_label_is_named_and_can_be_moved() {
+        let labels = "label = 1\nless = [{ label = 4 }, { file = \"c.nii\", margin_mm = 1.0 }]";
+        let file = Path::new("a.toml");
+        let text = TEXT.replace("label = 1", labels).replace("label = 2", "file = \"b.nii\"\nlabel = 5");
+        let case = Case::parse(&text, file).unwrap();
+        let files = case.files();
+        let named: Vec<_> = files.iter().map(|(key, path)| (key.as_str(), path.to_str().unwrap())).collect();
+        let own = [("target.less[1].file", "c.nii"), ("structure.nerve.file", "b.nii")];
+        assert_eq!(named, [&[("images.ct", "c"), ("images.labels", "l")][..], &own[..]].concat());
+        let moved: Vec<_> =
+            own.iter().map(|(key, path)| ((*key).to_owned(), Some(format!("\"/d/{path}\"")))).collect();
+        let moved = Case::parse(&with_values(&text, file, &moved).unwrap(), file).unwrap();
+        let moved: Vec<_> =
+            moved.files().iter().skip(2).map(|(_, path)| path.display().to_string()).collect();
+        assert_eq!(moved, ["/d/c.nii", "/d/b.nii"]);
+    }
+
+    #[test]
     fn unknown_keys_and_structures_are_refused_with_the_nearest() {
         let says = |key: &str| edited(&[(key, Some("1.0"))]).unwrap_err();
         assert_eq!(says("path.stp_mm"), "a.toml: unknown key `path.stp_mm`; did you mean `path.step_mm`?");
@@ -157,6 +189,7 @@ mod tests {
             says("structure.nerve.clearence_mm").contains("did you mean `structure.nerve.clearance_mm`?")
         );
         assert!(edited(&[("path.step_mm", Some("0.2 mm"))]).unwrap_err().contains("`path.step_mm`"));
+        assert!(says("target.less[0].file").contains("unknown key"));
         assert!(edited(&[("a", Some("1")), ("b", Some("1"))]).unwrap_err().lines().count() == 2);
     }
 }

@@ -14,6 +14,7 @@ mod hold;
 mod job;
 #[macro_use]
 mod keys;
+mod label;
 mod parse;
 mod parse_channel;
 mod parse_label;
@@ -32,7 +33,6 @@ mod walker;
 pub mod write;
 mod write_channel;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use bonemill_arm::ur::{Branches, UrModel};
@@ -51,6 +51,7 @@ pub use given::Given;
 pub use hold::Hold;
 pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Job, Pattern};
 pub use keys::{DEFAULT_BONE_HU, Unit};
+pub use label::LabelRef;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
 pub use reference::reference;
@@ -142,27 +143,6 @@ pub struct Density {
     pub air_hu: f64,
     /// At or above: bone, which burr and shank may not touch outside the target, HU.
     pub bone_hu: f64,
-}
-
-/// A label by its number, or by its name in the map's own file or in the `labels.json` beside it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LabelRef {
-    /// The value in the map.
-    Number(u16),
-    /// The name.
-    Name(String),
-    /// A mask in a file of its own, relative to the case; only of a structure.
-    File(PathBuf),
-}
-
-impl fmt::Display for LabelRef {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            LabelRef::Number(n) => write!(f, "{n}"),
-            LabelRef::Name(name) => write!(f, "{name:?}"),
-            LabelRef::File(path) => write!(f, "{:?}", path.to_string_lossy()),
-        }
-    }
 }
 
 impl Case {

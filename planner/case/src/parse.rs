@@ -10,15 +10,15 @@ use super::error::{CaseError, CaseFault, Located};
 use super::hold::read_holds;
 use super::keys::{self as k, Fallback, Number, Other, name_of};
 use super::parse_channel::read_channel;
-use super::parse_label::{read_label, read_segment};
+use super::parse_label::{LABEL_KEYS, read_segment};
 use super::parse_robot::read_robot;
 use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
 use super::room::read_obstacles;
 use super::walker::{Log, Walk, line_at};
 use super::{
-    Accuracy, Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Level,
-    MaterialSpec, Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec,
+    Accuracy, Burr, Case, CostSpec, Density, DistanceCurve, Entry, Given, GridSpec, Images, Job, LabelRef,
+    Level, MaterialSpec, Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec,
     ShankSegment, SpeedCaps, SpeedSpec, Structure, Target, TargetRegion,
 };
 use crate::{EdgeMaterial, Sheets};
@@ -116,7 +116,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
             (Target::Swept, [vec![], vec![]], 1.0)
         }
     };
-    let case = Case {
+    let mut case = Case {
         paper,
         job,
         images: read_images(root.table("images")),
@@ -148,14 +148,30 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         burr,
         given: Given::default(),
     };
+    if case.images.labels.as_os_str().is_empty() && !root.table("images").has("labels") {
+        match first_file(&case) {
+            Some(path) => case.images.labels = path,
+            None => root.table("images").refuse_missing(&k::LABELS),
+        }
+    }
     root.finish();
     case
+}
+
+/// The file on whose grid a case without a label map is planned: the first, where every label is in one.
+fn first_file(case: &Case) -> Option<PathBuf> {
+    let in_map = |entry: &Entry| matches!(entry, Entry::Label(_));
+    if case.job.channel().is_some_and(|channel| in_map(&channel.entry)) {
+        return None;
+    }
+    let files: Option<Vec<_>> = case.labels().iter().map(|(_, label)| label.file()).collect();
+    files?.first().map(|path| path.to_path_buf())
 }
 
 fn read_images(t: Walk<'_, '_>) -> Images {
     let images = Images {
         ct: PathBuf::from(t.required_text(&k::CT)),
-        labels: PathBuf::from(t.required_text(&k::LABELS)),
+        labels: PathBuf::from(t.text(&k::LABELS).unwrap_or_default()),
         ct_series: t.text(&k::CT_SERIES).map(|text| bonemill_imaging::series_name(&text)),
         ct_affine: t.choice(&k::CT_AFFINE, bonemill_imaging::AffineChoice::Auto),
         labels_affine: t.choice(&k::LABELS_AFFINE, bonemill_imaging::AffineChoice::Auto),
@@ -212,16 +228,18 @@ fn read_regions(t: &Walk<'_, '_>, of: &Other) -> Vec<TargetRegion> {
 
 /// A label or a shape; the table's other keys were read before.
 fn read_place(t: Walk<'_, '_>) -> Target {
-    let options = vec!["label", "box", "ball", "frustum"];
-    let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
+    let options = vec!["label", "file", "box", "ball", "frustum"];
+    let label = LABEL_KEYS.into_iter().find(|key| t.has(key));
+    let shapes = ["box", "ball", "frustum"].into_iter().filter(|shape| t.has(shape));
+    let found: Vec<_> = label.into_iter().chain(shapes).collect();
     let (label, r#box, ball, frustum) = (
-        t.has("label").then(|| read_label(&t, &k::TARGET_LABEL)),
+        label.map(|_| read_segment(&t, &k::TARGET_LABEL)),
         t.table("box"),
         t.table("ball"),
         t.table("frustum"),
     );
     let target = match (label, found.as_slice()) {
-        (Some(label), ["label"]) => Target::Label(label),
+        (Some(label), [_]) => Target::Label(label),
         (None, ["box"]) => Target::Box {
             min_mm: r#box.required_vector(&k::BOX_MIN),
             max_mm: r#box.required_vector(&k::BOX_MAX),
@@ -239,7 +257,7 @@ fn read_place(t: Walk<'_, '_>) -> Target {
         _ => {
             // the parts of a choice that is refused as a whole are not judged
             t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-            t.accept(&["label"]);
+            t.accept(&LABEL_KEYS);
             t.finish();
             return Target::Label(LabelRef::Number(1));
         }
@@ -247,7 +265,7 @@ fn read_place(t: Walk<'_, '_>) -> Target {
     for part in [r#box, ball, frustum] {
         part.finish();
     }
-    t.accept(&["label"]);
+    t.accept(&LABEL_KEYS);
     t.finish();
     target
 }
@@ -264,7 +282,7 @@ fn read_structure(t: Walk<'_, '_>, place: usize) -> Structure {
     }
     let structure = Structure {
         name,
-        label: read_segment(&t),
+        label: read_segment(&t, &k::STRUCTURE_LABEL),
         clearance_mm: t.number(&k::CLEARANCE),
         priority: t.whole(&k::PRIORITY, u32::try_from(place + 1).unwrap_or(u32::MAX)),
         shank_clearance_mm: t.number(&k::SHANK_CLEARANCE),

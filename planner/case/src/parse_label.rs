@@ -1,4 +1,4 @@
-//! Reads labels: a number, or a name.
+//! Reads labels: a number or a name, of the label map or of a file of its own.
 
 use toml::de::DeValue;
 
@@ -34,18 +34,25 @@ pub(super) fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
     }
 }
 
-/// A structure's label by number or name, its segment's name, or the file of its mask.
-pub(super) fn read_segment(t: &Walk<'_, '_>) -> LabelRef {
-    let options = vec!["label", "segment", "file"];
-    let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
-    match found.as_slice() {
-        ["segment"] => LabelRef::Name(t.text(&k::STRUCTURE_SEGMENT).unwrap_or_default()),
-        ["file"] => LabelRef::File(t.text(&k::STRUCTURE_FILE).unwrap_or_default().into()),
-        [] | ["label"] => read_label(t, &k::STRUCTURE_LABEL),
-        _ => {
-            t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-            t.accept(&["label", "segment", "file"]);
-            LabelRef::Number(1)
+/// The keys that name a label.
+pub(super) const LABEL_KEYS: [&str; 3] = ["label", "segment", "file"];
+
+/// A label by number or name or its segment's name, of the label map or of a file; a file alone is a mask.
+pub(super) fn read_segment(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
+    t.accept(&LABEL_KEYS);
+    let named = match (t.has("label"), t.has("segment")) {
+        (true, true) => {
+            let options = vec!["label", "segment"];
+            t.note("", CaseFault::ExactlyOne { table: t.path().into(), found: options.clone(), options });
+            return LabelRef::Number(1);
         }
+        (true, false) => Some(read_label(t, of)),
+        (false, true) => Some(LabelRef::Name(t.text(&k::STRUCTURE_SEGMENT).unwrap_or_default())),
+        (false, false) => None,
+    };
+    if !t.has("file") {
+        return named.unwrap_or_else(|| read_label(t, of));
     }
+    let path = t.text(&k::STRUCTURE_FILE).unwrap_or_default().into();
+    LabelRef::File { path, label: named.map(Box::new) }
 }

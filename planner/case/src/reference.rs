@@ -145,6 +145,7 @@ mod tests {
         let inside = [
             "target.b",
             "target.f",
+            "target.segment",
             "target.less.",
             "obstacle.b",
             "obstacle.c",

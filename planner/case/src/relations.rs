@@ -185,14 +185,15 @@ fn judge_structures(case: &Case, note: &dyn Fn(CaseFault, &str)) {
         }
         let same = case.structures.iter().take(n).find(|s| s.label == structure.label);
         if let Some(first) = same {
-            let key = format!("structure[{n}].label");
+            let key = format!("structure[{n}].{}", structure.label.key());
             let (label, first, second) =
                 (structure.label.to_string(), first.name.clone(), structure.name.clone());
             note(CaseFault::SharedLabel { key: key.clone(), label, first, second }, &key);
         }
         if matches!(&case.target, Target::Label(label) if *label == structure.label) {
-            let key = format!("structure[{n}].label");
-            let (found, other) = (structure.label.to_string(), "target.label".into());
+            let of = structure.label.key();
+            let key = format!("structure[{n}].{of}");
+            let (found, other) = (structure.label.to_string(), format!("target.{of}"));
             note(CaseFault::Duplicate { key: key.clone(), found, other }, &key);
         }
     }

@@ -70,23 +70,21 @@ impl Case {
             ],
         );
         let rules = [("least_share", float(self.least_share)), ("sheets", text(k::SHEETS.word(self.sheets)))];
-        if let Some(target) = target(&self.target) {
+        let target = target(&self.target);
+        if !target.is_empty() {
             let regions = [("also", &self.also), ("less", &self.less)];
             let regions =
                 regions.iter().filter(|(_, of)| !of.is_empty()).map(|(key, of)| (*key, list_of(of)));
-            out.table("target", &[&[target][..], &regions.collect::<Vec<_>>(), &rules[..]].concat());
+            out.table("target", &[&target[..], &regions.collect::<Vec<_>>(), &rules[..]].concat());
         }
         for s in &self.structures {
-            out.array_table(
-                "structure",
-                &[
-                    ("name", text(&s.name)),
-                    (if matches!(s.label, LabelRef::File(_)) { "file" } else { "label" }, label(&s.label)),
-                    ("clearance_mm", float(s.clearance_mm)),
-                    ("priority", s.priority.to_string()),
-                    ("shank_clearance_mm", float(s.shank_clearance_mm)),
-                ],
-            );
+            let numbers = [
+                ("clearance_mm", float(s.clearance_mm)),
+                ("priority", s.priority.to_string()),
+                ("shank_clearance_mm", float(s.shank_clearance_mm)),
+            ];
+            let lines = [&[("name", text(&s.name))][..], &label_lines(&s.label), &numbers[..]].concat();
+            out.array_table("structure", &lines);
         }
         for obstacle in &self.obstacles {
             out.array_table("obstacle", &obstacle.lines());
@@ -279,22 +277,33 @@ pub(super) fn label(label: &LabelRef) -> String {
     match label {
         LabelRef::Number(n) => n.to_string(),
         LabelRef::Name(name) => text(name),
-        LabelRef::File(path) => text(&path.to_string_lossy()),
+        LabelRef::File { path, .. } => text(&path.to_string_lossy()),
     }
+}
+
+/// The keys that name a label: its own, or its file and its label there.
+pub(super) fn label_lines(of: &LabelRef) -> Vec<(&'static str, String)> {
+    let within = match of {
+        LabelRef::File { label: Some(within), .. } => Some(("label", label(within))),
+        _ => None,
+    };
+    [(of.key(), label(of))].into_iter().chain(within).collect()
 }
 
 fn list_of(regions: &[TargetRegion]) -> String {
     let table = |region: &TargetRegion| {
-        let (key, value) = target(&region.of)?;
-        Some(format!("{{ {key} = {value}, margin_mm = {} }}", float(region.margin_mm)))
+        let place: String =
+            target(&region.of).iter().map(|(key, value)| format!("{key} = {value}, ")).collect();
+        format!("{{ {place}margin_mm = {} }}", float(region.margin_mm))
     };
-    format!("[{}]", regions.iter().filter_map(table).collect::<Vec<_>>().join(", "))
+    format!("[{}]", regions.iter().map(table).collect::<Vec<_>>().join(", "))
 }
 
-pub(super) fn target(target: &Target) -> Option<(&'static str, String)> {
-    Some(match target {
-        Target::Swept => return None,
-        Target::Label(l) => ("label", label(l)),
+/// The keys that name a target: none of what a tool sweeps.
+pub(super) fn target(target: &Target) -> Vec<(&'static str, String)> {
+    let shape = match target {
+        Target::Swept => return vec![],
+        Target::Label(of) => return label_lines(of),
         Target::Box { min_mm, max_mm } => {
             ("box", format!("{{ min_mm = {}, max_mm = {} }}", vector(min_mm), vector(max_mm)))
         }
@@ -311,7 +320,8 @@ pub(super) fn target(target: &Target) -> Option<(&'static str, String)> {
                 float(*to_radius_mm)
             ),
         ),
-    })
+    };
+    vec![shape]
 }
 
 /// TOML text with tables below a prefix.
@@ -369,7 +379,19 @@ mod tests {
         let nerve = TargetRegion { of: Target::Label(LabelRef::Name("nerve".into())), margin_mm: 1.5 };
         assert_eq!(case.less[0], nerve);
         assert_eq!(Case::parse(&case.to_toml(), std::path::Path::new("again.toml")).unwrap(), case);
+        let files = parse("file = \"t.nii\"\nless = [{ file = \"n.nii\", label = \"nerve\" }]").unwrap();
+        let in_file = |path: &str, label: Option<&str>| {
+            let label = label.map(|name| Box::new(LabelRef::Name(name.into())));
+            Target::Label(LabelRef::File { path: path.into(), label })
+        };
+        assert_eq!(
+            (&files.target, &files.less[0].of),
+            (&in_file("t.nii", None), &in_file("n.nii", Some("nerve")))
+        );
+        assert_eq!(Case::parse(&files.to_toml(), std::path::Path::new("again.toml")).unwrap(), files);
         for (target, parts) in [
+            ("file = \"t.nii\"\nlabel = 7\nsegment = \"a\"", ["`target`", "`label` and `segment`"]),
+            ("file = \"t.nii\"\nball = 3", ["`target` has `file` and `ball`", "exactly one of"]),
             ("label = 7\nless = [{ margin_mm = 1 }]", ["target.less[0]", "exactly one of"]),
             ("label = 7\nalso = [{ label = 1, ball = 2 }]", ["target.also[0]", "exactly one of"]),
             ("label = 7\nalso = 3", ["`target.also`", "a list of tables"]),

@@ -71,13 +71,18 @@ impl StoredPlan {
         Ok(self.record.inputs.iter().map(|input| (input.clone(), self.input_path(&input.path))).collect())
     }
 
-    /// Whether both images were found, and also the labels' names if the plan was made with them.
+    /// Whether the CT and all files of labels were found, and also the labels' names if the plan was made with them.
     pub fn images_found(&self) -> bool {
         let images = &self.record.case.images;
         let names = label_names_path(&images.labels);
         let has_names = self.record.inputs.iter().any(|input| input.path == names);
         let needed = [&images.ct, &images.labels].into_iter().chain(has_names.then_some(&names));
-        needed.into_iter().all(|path| self.inputs.path(path).or_else(|| self.inputs.folder(path)).is_some())
+        let labels = self.record.case.labels();
+        let files = labels.iter().filter_map(|(_, label)| label.file());
+        needed
+            .map(PathBuf::as_path)
+            .chain(files)
+            .all(|path| self.inputs.path(path).or_else(|| self.inputs.folder(path)).is_some())
     }
 
     /// The case's file.

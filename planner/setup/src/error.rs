@@ -10,9 +10,10 @@ use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
 use super::ChannelFault;
+use super::label_files::LabelFileFault;
 use super::mesh_tool::MeshToolError;
 use super::mount::MountFault;
-use bonemill_case::{Case, LabelRef, Target};
+use bonemill_case::{Case, LabelRef};
 use bonemill_cutting::burr::ModelError;
 use bonemill_planfile::PlanFileError;
 
@@ -78,13 +79,17 @@ pub enum PlanError {
         /// The one that it resembles.
         nearest: Option<String>,
     },
-    /// A structure's mask lies on another grid than the label map.
-    #[error("structure '{structure}': the mask {} does not lie on the label map's grid; export it with the map as reference", path.display())]
-    MaskGrid {
-        /// The structure.
-        structure: String,
-        /// The mask.
+    /// A file of its own gives no label.
+    #[error("{what}: {} {fault}", path.display())]
+    LabelFile {
+        /// What it would be.
+        what: String,
+        /// The table of the case that names it.
+        table: String,
+        /// The file.
         path: PathBuf,
+        /// Why not.
+        fault: LabelFileFault,
     },
     /// A label is named, but there is no `labels.json`.
     #[error("{key}: the label {name:?} is a name, but there is no {}: give the label's number",
@@ -277,12 +282,9 @@ impl PlanError {
             Self::Image(error) => return image_key(error, case, folder),
             Self::Scene(error) => return scene_key(error, case, folder),
             Self::LabelName { name, .. } | Self::NoLabelNames { name, .. } => {
-                return label_key(case, &LabelRef::Name(name.clone()));
+                return case.label_key(&LabelRef::Name(name.clone()));
             }
-            Self::MaskGrid { structure, .. } => {
-                let n = case.structures.iter().position(|s| s.name == *structure)?;
-                return Some(format!("structure[{n}].file"));
-            }
+            Self::LabelFile { table, .. } => return Some(format!("{table}.file")),
             Self::SharedLabel { place, .. } => return Some(format!("structure[{place}].label")),
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
@@ -323,6 +325,9 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
                     | NiftiProblem::TransformUnset { .. }
             );
             match (*path == folder.join(&case.images.ct), is_choice) {
+                (false, false) if file_key(path, case, folder).is_some() => {
+                    return file_key(path, case, folder);
+                }
                 (true, false) => "images.ct",
                 (true, true) => "images.ct_affine",
                 (false, false) => "images.labels",
@@ -336,11 +341,13 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
         {
             "images.ct"
         }
-        ImageError::Foreign { .. }
-        | ImageError::Format { .. }
-        | ImageError::Dicom { .. }
-        | ImageError::LabelNames { .. } => "images.labels",
-        ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
+        ImageError::Foreign { path, .. }
+        | ImageError::Format { path, .. }
+        | ImageError::Dicom { path, .. } => {
+            return file_key(path, case, folder).or(Some("images.labels".into()));
+        }
+        ImageError::LabelNames { .. } => "images.labels",
+        ImageError::LabelAbsent { label, .. } => return case.label_key(&LabelRef::Number(*label)),
         _ => return None,
     };
     Some(key.into())
@@ -359,7 +366,7 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
             let structure = case.structures.iter().position(|s| *what == format!("structure '{}'", s.name));
             return structure
                 .map(|n| format!("structure[{n}].label"))
-                .or_else(|| label_key(case, &LabelRef::Number(*label)))
+                .or_else(|| case.label_key(&LabelRef::Number(*label)))
                 .or(Some("target.label".into()));
         }
         SceneError::LabelsDisplaced { is_nifti: true, .. } => "images.labels_affine",
@@ -376,16 +383,9 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
     Some(key.into())
 }
 
-/// Where the case names a label.
-fn label_key(case: &Case, label: &LabelRef) -> Option<String> {
-    if matches!(&case.target, Target::Label(target) if target == label) {
-        return Some("target.label".into());
-    }
-    for (name, regions) in [("also", &case.also), ("less", &case.less)] {
-        if let Some(n) = regions.iter().position(|r| matches!(&r.of, Target::Label(of) if of == label)) {
-            return Some(format!("target.{name}[{n}].label"));
-        }
-    }
-    let n = case.structures.iter().position(|s| s.label == *label)?;
-    Some(format!("structure[{n}].label"))
+/// The key that names a file of labels.
+fn file_key(path: &Path, case: &Case, folder: &Path) -> Option<String> {
+    let named =
+        case.labels().into_iter().find(|(_, label)| label.file().is_some_and(|f| folder.join(f) == path));
+    named.filter(|_| path != folder.join(&case.images.labels)).map(|(table, _)| format!("{table}.file"))
 }

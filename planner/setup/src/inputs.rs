@@ -1,13 +1,13 @@
 //! The images of a case, read and checked, the files that its plan depends on, and the scene made of them.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, nearest};
+use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion};
 use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_imaging::{
-    AffineChoice, Image, ImageError, LabelMap, LabelNames, Placement, Provenance, available_memory_mb,
-    label_names_path, looks_like_hu, padding_to_air, read_ct_series, read_label_map, read_label_names,
-    read_labels,
+    AffineChoice, Fit, Image, ImageError, LabelMap, Provenance, available_memory_mb, label_names_path,
+    looks_like_hu, padding_to_air, read_ct_series, read_label_map, read_label_names,
 };
 use bonemill_planfile::{Input, PlanFileError, StoredPlan};
 use bonemill_toolpath::scene::{
@@ -16,6 +16,7 @@ use bonemill_toolpath::scene::{
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::label_files::{LabelFiles, NamesAt, label_number, names_of};
 use super::reach::{StandingArm, assumed_tilts};
 use super::{PlanError, channel};
 
@@ -42,10 +43,10 @@ pub struct CaseImages {
     pub labels: Image<u16>,
     /// Further labels of its voxels, by their places in memory, where structures overlap.
     pub further: Vec<(u32, u16)>,
-    /// Files of structures' own masks, as the case names them.
-    pub mask_files: Vec<PathBuf>,
+    /// Further files of labels and their names, as the case names them.
+    pub label_files: Vec<PathBuf>,
     /// Names of labels, and the file that holds them.
-    pub names: Option<(LabelNames, PathBuf)>,
+    pub names: Option<NamesAt>,
     /// What is to be removed.
     pub target: Target<u16>,
     /// What belongs to it besides.
@@ -70,16 +71,19 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
         named_files(&case.images.ct, &folder.join(&case.images.ct), &images.ct.provenance),
         named_files(&case.images.labels, &folder.join(&case.images.labels), &images.labels.provenance),
     ];
-    paths.extend(ct.iter().chain(&labels).chain(&images.mask_files).map(PathBuf::as_path));
+    paths.extend(ct.iter().chain(&labels).chain(&images.label_files).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
     paths.extend(case.robot.files().chain(case.tool.files()).map(|(_, path)| path));
+    // a file may hold several labels
+    let mut earlier = BTreeSet::new();
+    paths.retain(|path| earlier.insert(*path));
     let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
     let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
     Ok((images, files))
 }
 
 /// An image's files as the case names them: below the folder that it names, the file itself, or beside it.
-fn named_files(named: &Path, place: &Path, provenance: &Provenance) -> Vec<PathBuf> {
+pub(super) fn named_files(named: &Path, place: &Path, provenance: &Provenance) -> Vec<PathBuf> {
     let beside = (place.parent(), named.parent());
     let name = |file: &PathBuf| match (file.strip_prefix(place), beside) {
         (Ok(below), _) if !below.as_os_str().is_empty() => named.join(below),
@@ -102,7 +106,7 @@ pub(super) struct PlainImages {
     /// Labels.
     pub map: LabelMap,
     /// Names of labels, and the file that holds them.
-    pub names: Option<(LabelNames, PathBuf)>,
+    pub names: Option<NamesAt>,
 }
 
 /// Reads a CT (and of a folder with several series that with a name), which must be in HU, and a label map
@@ -131,59 +135,41 @@ pub(super) fn read_plain(
 /// Reads and checks the images of a case; `place` says where the file is that the case names so.
 pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<CaseImages, PlanError> {
     let labels_path = place(&case.images.labels);
-    let PlainImages { ct, padding_voxels: padding, mut map, names } = read_plain(
+    let PlainImages { ct, padding_voxels: padding, map, names } = read_plain(
         (&place(&case.images.ct), case.images.ct_affine, case.images.ct_series.as_deref()),
         (&labels_path, case.images.labels_affine, &place(&label_names_path(&case.images.labels))),
     )?;
-    let mut mask_files = Vec::new();
-    let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
-    let target = case.target.with_label(|label| number("target.label".into(), label))?;
-    let regions = |list: &str, regions: &[TargetRegion]| -> Result<Vec<_>, PlanError> {
-        let each = regions.iter().enumerate();
-        each.map(|(n, r)| r.with_label(|label| number(format!("target.{list}[{n}].label"), label))).collect()
+    let mut files = LabelFiles::new(case, &place, (map, names));
+    let target = case.target.with_label(|label| {
+        files.number((format!("target.{}", label.key()), "target".into()), label, Fit::Centres)
+    })?;
+    let mut regions = |list: &str, regions: &[TargetRegion], how| -> Result<Vec<_>, PlanError> {
+        let number = |(n, region): (usize, &TargetRegion)| {
+            let table = format!("target.{list}[{n}]");
+            region.with_label(|label| {
+                files.number((format!("{table}.{}", label.key()), table.clone()), label, how)
+            })
+        };
+        regions.iter().enumerate().map(number).collect()
     };
-    let (also, less) = (regions("also", &case.also)?, regions("less", &case.less)?);
-    let structures = case
-        .structures
-        .iter()
-        .map(|s| {
-            let label = match &s.label {
-                LabelRef::File(file) => {
-                    let path = place(file);
-                    let mask = read_labels(&path, case.images.labels_affine)?;
-                    mask_files.extend(named_files(file, &path, &mask.provenance));
-                    let label = map.add_mask(&mask.volume, names.as_ref().map(|(names, _)| names));
-                    label.ok_or_else(|| PlanError::MaskGrid { structure: s.name.clone(), path })?
-                }
-                label => number(format!("structure '{}'", s.name), label)?,
-            };
-            Ok((s.name.clone(), label))
-        })
-        .collect::<Result<Vec<_>, PlanError>>()?;
+    let also = regions("also", &case.also, Fit::Centres)?;
+    let less = regions("less", &case.less, Fit::Touched)?;
+    let mut structures = Vec::new();
+    for (n, s) in case.structures.iter().enumerate() {
+        let named = (format!("structure '{}'", s.name), format!("structure[{n}]"));
+        structures.push((s.name.clone(), files.number(named, &s.label, Fit::Touched)?));
+    }
+    let LabelFiles { mut map, names, read: label_files, warnings: of_files, .. } = files;
     labels_differ(&target, &also, &structures)?;
     let mut warnings: Vec<String> =
         ct.warnings.iter().chain(&map.image.warnings).map(ToString::to_string).collect();
     if padding > 0 {
         warnings.push(format!("{padding} voxels of the CT are below -1500 HU, outside the scanner's field of view: taken for air"));
     }
+    warnings.extend(of_files);
     warnings.extend(settle(&mut map, (&target, &also, &less), &structures));
     let LabelMap { image: labels, further, .. } = map;
-    Ok(CaseImages { ct, labels, further, names, mask_files, target, also, less, structures, warnings })
-}
-
-/// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that
-/// lies beside them may be another map's.
-fn names_of(
-    map: &mut LabelMap,
-    beside: Option<LabelNames>,
-    labels_path: &Path,
-) -> Option<(LabelNames, PathBuf)> {
-    let within = map.names.take().map(|names| (names, labels_path.to_owned()));
-    let beside = beside.map(|names| (names, label_names_path(labels_path)));
-    match map.image.provenance.placement {
-        Placement::Nifti(_) if map.image.provenance.files.len() == 1 => beside.or(within),
-        _ => within.or(beside),
-    }
+    Ok(CaseImages { ct, labels, further, names, label_files, target, also, less, structures, warnings })
 }
 
 /// Target, what belongs to it besides, and what is taken away.
@@ -214,10 +200,14 @@ fn settle(
             (Some(a), Some(b)) => {
                 Some(format!("structures '{a}' and '{b}' share {mm3:.2} mm³, which belong to both"))
             }
-            (Some(a), None) => Some(format!(
-                "structure '{a}' shares {mm3:.2} mm³ with label {}, which the structure keeps",
-                s.other
-            )),
+            (Some(a), None) => {
+                let part = if of_label(target, s.other) {
+                    "the target"
+                } else {
+                    "what target.also or target.less names"
+                };
+                Some(format!("structure '{a}' shares {mm3:.2} mm³ with {part}, which the structure keeps"))
+            }
             _ => None,
         }
     });
@@ -235,30 +225,6 @@ pub fn label_of(
     labels_path: &Path,
 ) -> Result<u16, PlanError> {
     label_number(key.into(), label, images.names.as_ref(), labels_path)
-}
-
-fn label_number(
-    key: String,
-    label: &LabelRef,
-    names: Option<&(LabelNames, PathBuf)>,
-    labels_path: &Path,
-) -> Result<u16, PlanError> {
-    match label {
-        LabelRef::Number(number) => Ok(*number),
-        // only of a structure, whose mask is read before
-        LabelRef::File(path) => Err(PlanError::MaskGrid { structure: key, path: path.clone() }),
-        LabelRef::Name(name) => {
-            let (name, beside) = (name.clone(), labels_path.to_owned());
-            let Some((names, list)) = names else {
-                return Err(PlanError::NoLabelNames { key, name, beside });
-            };
-            names.number(&name).ok_or_else(|| {
-                let known: Vec<String> = names.iter().map(|(_, known)| known.to_owned()).collect();
-                let nearest = nearest(&name, known.iter().map(String::as_str)).map(str::to_owned);
-                PlanError::LabelName { key, name, list: list.clone(), known, nearest }
-            })
-        }
-    }
 }
 
 /// Refuses a label that two structures, or a structure and the target, have by number and by name. The target may well be
@@ -374,6 +340,11 @@ pub fn images_of(plan: &StoredPlan, case: &Case) -> Result<CaseImages, PlanError
             let (path, missing) = (plan.dir.clone(), file.display().to_string());
             return Err(PlanFileError::InputNotListed { path, missing }.into());
         }
+    }
+    let is_listed = |file: &&PathBuf| plan.record.inputs.iter().any(|input| input.path == **file);
+    if let Some(file) = images.label_files.iter().find(|file| !is_listed(file)) {
+        let (path, missing) = (plan.dir.clone(), file.display().to_string());
+        return Err(PlanFileError::InputNotListed { path, missing }.into());
     }
     Ok(images)
 }

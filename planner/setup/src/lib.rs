@@ -5,6 +5,7 @@ pub mod channel;
 mod channel_fault;
 mod error;
 pub mod inputs;
+mod label_files;
 pub mod mesh_tool;
 pub mod mount;
 pub mod nearest_structures;
@@ -19,5 +20,6 @@ pub mod tools;
 
 pub use channel_fault::ChannelFault;
 pub use error::{PlanError, Unreached};
+pub use label_files::LabelFileFault;
 pub use setup::Setup;
 pub use stopwatch::Stopwatch;

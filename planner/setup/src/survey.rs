@@ -4,20 +4,21 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::DEFAULT_BONE_HU;
 use bonemill_case::draft::{
     self, Choice, Draft, DraftError, Drafted, FoundLabel, ImagePaths, KnownPlace, SideFound, TargetChoice,
 };
+use bonemill_case::{DEFAULT_BONE_HU, LabelRef};
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::{
-    AffineChoice, ImageError, LabelMap, LabelSurvey, MASK_ENDINGS, bone_extent_x_mm, label_names_path,
-    labels_beside, read_labels, survey_labels,
+    AffineChoice, Fit, ImageError, LabelMap, LabelSurvey, MASK_ENDINGS, bone_extent_x_mm, label_names_path,
+    labels_beside, read_label_map, read_label_names, survey_labels,
 };
 use bonemill_toolpath::scene::{Displaced, label_extents};
 use nalgebra::Vector3;
 use thiserror::Error;
 
 use super::inputs::{PlainImages, read_plain};
+use super::label_files::{LabelFileFault, lies_with, names_of};
 
 /// Endings of label files that are no mask in a folder; the longer before its own end.
 const ENDINGS: &[&str] = &[".seg.nrrd", ".dcm"];
@@ -29,33 +30,19 @@ pub enum SurveyError {
     /// An image or its names cannot be read or trusted.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// A further label file holds several labels.
-    #[error("{}: holds the labels {labels:?}; expected a mask of one structure: the first label file is the label map, further ones are masks", path.display())]
-    SeveralLabels {
+    /// A further label file gives no label.
+    #[error("{} {fault}", path.display())]
+    File {
         /// The file.
         path: PathBuf,
-        /// Its labels, at most ten.
-        labels: Vec<u16>,
-    },
-    /// A mask holds nothing.
-    #[error("{}: the mask has no voxel", path.display())]
-    EmptyMask {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A mask lies on another grid than the label map.
-    #[error("{}: the mask lies on another grid than the label map {}; expected the same voxels at the same places", path.display(), map.display())]
-    MaskGrid {
-        /// The mask's file.
-        path: PathBuf,
-        /// The label map.
-        map: PathBuf,
+        /// Why not.
+        fault: LabelFileFault,
     },
 }
 
 /// The images of a case to be made.
 pub struct Survey {
-    /// Every label of the map, ascending, then the masks.
+    /// Every label of the map, ascending, then those of the further files.
     pub labels: Vec<FoundLabel>,
     /// From where to where bone reaches in x, ct, mm.
     pub bone_x_mm: Option<[f64; 2]>,
@@ -69,15 +56,15 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Reads a CT, a label map, and masks of single structures, each with its path as the case will name it.
+    /// Reads a CT, a label map, and further files of labels or masks, each with its path as the case will name it.
     ///
     /// # Errors
-    /// [`SurveyError`] for an image that cannot be read or trusted, and a mask that is none.
+    /// [`SurveyError`] for an image that cannot be read or trusted, and a file without a label.
     pub fn read(
         ct_path: &Path,
         series: Option<&str>,
-        labels: &Path,
-        masks: &[(PathBuf, PathBuf)],
+        (labels, labels_named): (&Path, &Path),
+        further_files: &[(PathBuf, PathBuf)],
     ) -> Result<Self, SurveyError> {
         let PlainImages { ct, mut map, names, .. } = read_plain(
             (ct_path, AffineChoice::Auto, series),
@@ -89,39 +76,48 @@ impl Survey {
         let mut warnings: Vec<String> =
             of_ct.chain(of_map).map(|(path, warning)| format!("{}: {warning}", path.display())).collect();
         warnings.extend(beside(ct.volume.grid(), &map).map(|text| format!("{}: {text}", labels.display())));
+        // one label without a name, in a file: its name is the file's
+        let own = map.labels();
+        let is_mask = own.len() == 1 && names.is_none() && labels.is_file();
         let mut added = Vec::new();
-        for (path, named) in masks {
-            let mask = read_labels(path, AffineChoice::Auto)?;
-            warnings.extend(mask.warnings.iter().map(|warning| format!("{}: {warning}", path.display())));
-            one_label(&mask.volume, path)?;
-            let number = map.add_mask(&mask.volume, names.as_ref());
-            let number =
-                number.ok_or_else(|| SurveyError::MaskGrid { path: path.clone(), map: labels.into() })?;
-            added.push((number, path, named));
+        for (path, named) in further_files {
+            let mut file = read_label_map(path, AffineChoice::Auto)?;
+            warnings
+                .extend(file.image.warnings.iter().map(|warning| format!("{}: {warning}", path.display())));
+            let refused = |fault| SurveyError::File { path: path.clone(), fault };
+            lies_with(&map, &file).map_err(refused)?;
+            for (label, name, of) in labels_of(&mut file, path, named)? {
+                let as_added = map.add((&file, label), Fit::Touched, names.as_ref());
+                added.push((as_added.map_err(|fault| refused(fault.into()))?.number, name, of));
+            }
         }
         let LabelMap { image, further, .. } = map;
         let mut found = survey_labels(&ct.volume, &image.volume, &further);
-        let mut of_masks = Vec::new();
-        for (number, path, named) in added {
+        let mut of_files = Vec::new();
+        for (number, name, of) in added {
             let place = found.iter().position(|survey| survey.number == number);
             let survey = place.map(|place| found.remove(place));
-            of_masks.push(FoundLabel { number, name: stem(path), mask: Some(named.clone()), survey });
+            of_files.push(FoundLabel { number, name, of, survey });
         }
-        let of_map = |survey: LabelSurvey| FoundLabel {
-            number: survey.number,
-            name: names.as_ref().and_then(|names| names.name(survey.number)).map(str::to_owned),
-            mask: None,
-            survey: Some(survey),
+        let of_map = |survey: LabelSurvey| {
+            let number = survey.number;
+            let name = names.as_ref().and_then(|names| names.name(number)).map(str::to_owned);
+            if is_mask {
+                let of = LabelRef::File { path: labels_named.into(), label: None };
+                return FoundLabel { number, name: stem(labels), of, survey: Some(survey) };
+            }
+            FoundLabel { of: label_ref(number, name.as_deref()), number, name, survey: Some(survey) }
         };
         let mut labels: Vec<FoundLabel> = found.into_iter().map(of_map).collect();
         let absent = names.iter().flat_map(|names| names.iter()).filter(|(number, _)| *number != 0);
         for (number, name) in absent {
             if labels.iter().all(|label| label.number != number) {
-                labels.push(FoundLabel { number, name: Some(name.to_owned()), mask: None, survey: None });
+                let (of, name) = (label_ref(number, Some(name)), Some(name.to_owned()));
+                labels.push(FoundLabel { number, name, of, survey: None });
             }
         }
         labels.sort_by_key(|label| label.number);
-        labels.extend(of_masks);
+        labels.extend(of_files);
         Ok(Self {
             labels,
             bone_x_mm: bone_extent_x_mm(&ct.volume, DEFAULT_BONE_HU),
@@ -201,16 +197,29 @@ fn beside(ct: &Grid<Ct>, map: &LabelMap) -> Option<String> {
     Some(refusal.map_or_else(|| found.text(), |refusal| refusal.to_string()))
 }
 
-/// Refuses a mask with several values, which is a label map, and one with none.
-fn one_label(mask: &Volume<u16, Ct>, path: &Path) -> Result<(), SurveyError> {
-    let mut is_there = vec![false; 1 << 16];
-    mask.data().iter().for_each(|value| is_there[usize::from(*value)] = true);
-    let labels: Vec<u16> = (1..=u16::MAX).filter(|label| is_there[usize::from(*label)]).take(10).collect();
-    match labels.as_slice() {
-        [] => Err(SurveyError::EmptyMask { path: path.into() }),
-        [_] => Ok(()),
-        _ => Err(SurveyError::SeveralLabels { path: path.into(), labels }),
+/// The labels of a further file: their numbers there, their names, and how the case names them. One alone is a mask.
+fn labels_of(
+    file: &mut LabelMap,
+    path: &Path,
+    named: &Path,
+) -> Result<Vec<(Option<u16>, Option<String>, LabelRef)>, ImageError> {
+    let all = file.labels();
+    if all.len() < 2 {
+        return Ok(vec![(None, stem(path), LabelRef::File { path: named.into(), label: None })]);
     }
+    let names = names_of(file, read_label_names(label_names_path(path))?, path).map(|(names, _)| names);
+    let label = |number: u16| {
+        let name = names.as_ref().and_then(|names| names.name(number)).map(str::to_owned);
+        let label = Some(Box::new(label_ref(number, name.as_deref())));
+        (Some(number), name, LabelRef::File { path: named.into(), label })
+    };
+    Ok(all.into_iter().map(label).collect())
+}
+
+/// How a case names a label of a map: by its name where it has one that a case can give.
+fn label_ref(number: u16, name: Option<&str>) -> LabelRef {
+    let name = name.filter(|name| !name.trim().is_empty());
+    name.map_or(LabelRef::Number(number), |name| LabelRef::Name(name.to_owned()))
 }
 
 /// A file's name without the ending of its format.

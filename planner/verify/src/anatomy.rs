@@ -3,6 +3,8 @@
 //! The images are read again from the plan's inputs. Everything is a function of a point in ct; the planner's grid is not
 //! used.
 
+use std::path::PathBuf;
+
 use bonemill_case::{LabelRef, Target, TargetRegion};
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_imaging::{LabelNames, label_names_path, read_label_names};
@@ -10,7 +12,7 @@ use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
 use super::VerifyError;
-use super::images::{self, SharedReader};
+use super::images::{self, LabelsRead, MaskRule, SharedReader};
 
 /// HU beyond the scan.
 pub const OUTSIDE_HU: f64 = -1000.0;
@@ -86,42 +88,35 @@ impl Anatomy {
         );
         let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
         let ((ct, ct_reader), (mut labels, labels_reader)) = (ct?, labels?);
-        let mut shared_readers: Vec<SharedReader> = ct_reader.into_iter().chain(labels_reader).collect();
-        let names = Names {
-            within: std::mem::take(&mut labels.names),
-            beside: names,
-            is_segmentation: labels.is_segmentation,
-        };
-        let number = |label: &LabelRef| names.number(label);
-        let wanted = |target: &Target| -> Result<WantedTarget, VerifyError> {
+        let shared_readers: Vec<SharedReader> = ct_reader.into_iter().chain(labels_reader).collect();
+        let names = Names::of(&mut labels, names);
+        let mut files = Files { plan, labels, names, others: vec![], shared_readers };
+        let mut wanted = |target: &Target, by: MaskRule| -> Result<WantedTarget, VerifyError> {
             Ok(match target {
-                Target::Label(label) => WantedTarget::Label(number(label)?),
+                Target::Label(label) => WantedTarget::Label(files.number(label, by, "target.file")?),
                 shape => WantedTarget::Shape(shape.clone()),
             })
         };
-        let regions = |of: &[TargetRegion]| -> Result<Vec<WantedRegion>, VerifyError> {
-            of.iter().map(|r| Ok(WantedRegion { wanted: wanted(&r.of)?, margin_mm: r.margin_mm })).collect()
+        // in the planner's order, which numbers what is added
+        let main = wanted(&case.target, MaskRule::AtCentres)?;
+        let mut regions = |of: &[TargetRegion], by| -> Result<Vec<WantedRegion>, VerifyError> {
+            let region =
+                |r: &TargetRegion| Ok(WantedRegion { wanted: wanted(&r.of, by)?, margin_mm: r.margin_mm });
+            of.iter().map(region).collect()
         };
-        let (also, less, wanted) = (regions(&case.also)?, regions(&case.less)?, wanted(&case.target)?);
-        let kept = case.structures.iter().map(|s| {
-            Ok(Kept {
+        let also = regions(&case.also, MaskRule::AtCentres)?;
+        let less = regions(&case.less, MaskRule::Everywhere)?;
+        let wanted = main;
+        let mut kept = Vec::new();
+        for s in &case.structures {
+            kept.push(Kept {
                 name: s.name.clone(),
-                label: match &s.label {
-                    LabelRef::File(file) => {
-                        let path = plan.input_path(file);
-                        let (mask, reader) = images::labels(&path, named.labels_affine)?;
-                        shared_readers.extend(reader.map(|r| SharedReader { key: "structure.file", ..r }));
-                        labels
-                            .add(&mask.shown, &names.all())
-                            .map_err(|problem| VerifyError::Image { path, problem })?
-                    }
-                    label => number(label)?,
-                },
+                label: files.number(&s.label, MaskRule::Everywhere, "structure.file")?,
                 clearance_mm: s.clearance_mm,
                 shank_clearance_mm: s.shank_clearance_mm,
-            })
-        });
-        let kept = kept.collect::<Result<Vec<_>, VerifyError>>()?;
+            });
+        }
+        let Files { mut labels, names, shared_readers, .. } = files;
         let of_label =
             |of: &WantedTarget, label: u16| matches!(of, WantedTarget::Label(own) if *own == label);
         let in_regions = |of: &[WantedRegion], label| of.iter().any(|region| of_label(&region.wanted, label));
@@ -295,6 +290,47 @@ fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, V
     }
 }
 
+/// The label map, and files whose labels are added to it.
+struct Files<'a> {
+    plan: &'a StoredPlan,
+    labels: LabelsRead,
+    names: Names,
+    /// By the case's names.
+    others: Vec<(PathBuf, LabelsRead)>,
+    shared_readers: Vec<SharedReader>,
+}
+
+impl Files<'_> {
+    /// The number of a label, which is added if it is in another file.
+    fn number(&mut self, label: &LabelRef, by: MaskRule, key: &'static str) -> Result<u16, VerifyError> {
+        let LabelRef::File { path: named, label } = label else { return self.names.number(label) };
+        let path = self.plan.input_path(named);
+        let n = match self.others.iter().position(|(other, _)| other == named) {
+            Some(n) => n,
+            None => {
+                let (read, reader) = images::labels(&path, self.plan.record.case.images.labels_affine)?;
+                self.shared_readers.extend(reader.map(|r| SharedReader { key, ..r }));
+                self.others.push((named.clone(), read));
+                self.others.len() - 1
+            }
+        };
+        let other = &mut self.others[n].1;
+        let of = match label.as_deref() {
+            Some(name @ LabelRef::Name(_)) => {
+                let beside = read_label_names(self.plan.input_path(&label_names_path(named)))?;
+                Some(
+                    Names { within: other.names.clone(), beside, is_segmentation: other.is_segmentation }
+                        .number(name)?,
+                )
+            }
+            Some(number) => Some(self.names.number(number)?),
+            None => None,
+        };
+        let added = self.labels.add((other, of), by, &self.names.all());
+        added.map_err(|problem| VerifyError::Image { path, problem })
+    }
+}
+
 /// Names that stand in the label file itself, and those of the `labels.json` beside it.
 #[derive(Debug)]
 struct Names {
@@ -304,6 +340,12 @@ struct Names {
 }
 
 impl Names {
+    /// Of a map, whose own are taken out of it.
+    fn of(labels: &mut LabelsRead, beside: Option<LabelNames>) -> Self {
+        let within = std::mem::take(&mut labels.names);
+        Self { within, beside, is_segmentation: labels.is_segmentation }
+    }
+
     /// Every number that has a name.
     fn all(&self) -> Vec<u16> {
         let beside = self.beside.iter().flat_map(|names| names.iter().map(|(number, _)| number));
@@ -315,7 +357,9 @@ impl Names {
         let name = match label {
             LabelRef::Number(number) => return Ok(*number),
             LabelRef::Name(name) => name,
-            LabelRef::File(path) => return Err(VerifyError::LabelName { name: path.display().to_string() }),
+            LabelRef::File { path, .. } => {
+                return Err(VerifyError::LabelName { name: path.display().to_string() });
+            }
         };
         let within = || self.within.iter().find(|(_, known)| known == name).map(|(number, _)| *number);
         let found = match &self.beside {

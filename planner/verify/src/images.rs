@@ -17,10 +17,12 @@ use nalgebra::{Matrix3, Vector3};
 use super::VerifyError;
 use super::error::ReadProblem;
 
+mod moved;
 mod nrrd;
 mod segments;
 mod shared;
 
+pub use moved::MaskRule;
 pub use segments::LabelsRead;
 pub use shared::SharedReader;
 

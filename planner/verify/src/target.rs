@@ -1,7 +1,8 @@
 //! The target as a rule for any point: what the case asks for and adds, less structures with their clearances, less what it
 //! takes away.
 //!
-//! A label that is the target is taken as drawn; shapes and all that is added give way to structures. In shapes only bone and
+//! A label that is the target is taken as drawn unless it touches a structure; such a label, shapes and all that is added give way to
+//! structures. In shapes only bone and
 //! enclosed air are target. Points on a surface are in doubt ([`Doubtful`]).
 
 use bonemill_case::Target;
@@ -65,6 +66,8 @@ pub struct TargetRule<'a> {
     /// What the case asks for first, then what it adds.
     parts: Vec<Extent<'a>>,
     less: Vec<Extent<'a>>,
+    /// Whether what the case asks for gives way to structures.
+    gives_way: Doubtful<bool>,
     /// Structures with clearances above 0, mm.
     near: Vec<(&'a Boxes<'a>, f64)>,
 }
@@ -74,10 +77,14 @@ impl<'a> TargetRule<'a> {
     pub fn new(anatomy: &'a Anatomy, boxes: &'a [Option<Boxes<'a>>]) -> Self {
         let main = WantedRegion { wanted: anatomy.wanted.clone(), margin_mm: 0.0 };
         let parts = [&main].into_iter().chain(&anatomy.also).map(|part| Extent::new(part, anatomy)).collect();
-        let less = anatomy.less.iter().map(|part| Extent::new(part, anatomy)).collect();
+        let less: Vec<Extent<'_>> = anatomy.less.iter().map(|part| Extent::new(part, anatomy)).collect();
         let near = anatomy.kept.iter().zip(boxes).filter(|(kept, _)| kept.clearance_mm > 0.0);
         let near = near.filter_map(|(kept, boxes)| Some((boxes.as_ref()?, kept.clearance_mm))).collect();
-        Self { anatomy, parts, less, near }
+        let gives_way = match anatomy.wanted {
+            WantedTarget::Label(label) => touches(anatomy, label, &less),
+            WantedTarget::Shape(_) => Doubtful::sure(true),
+        };
+        Self { anatomy, parts, less, gives_way, near }
     }
 
     /// The images that it is a rule for.
@@ -105,8 +112,10 @@ impl<'a> TargetRule<'a> {
             if is_in.possibly && is_shape {
                 is_in = is_in.and(filled);
             }
-            if is_in.possibly && (n > 0 || is_shape) {
-                is_in = is_in.and(&kept.get_or_insert_with(|| self.kept(p, labelled)).not());
+            let gives_way = if n > 0 { &Doubtful::sure(true) } else { &self.gives_way };
+            if is_in.possibly && gives_way.possibly {
+                let kept = kept.get_or_insert_with(|| self.kept(p, labelled));
+                is_in = is_in.and(&kept.and(gives_way).not());
             }
             found = found.or(&is_in);
         }
@@ -139,6 +148,32 @@ impl<'a> TargetRule<'a> {
             [surely + usize::from(is.surely), possibly + usize::from(is.possibly)]
         })
     }
+}
+
+/// Whether a voxel of the target's label that the case does not take away has a neighbour, of 26, that belongs to a structure.
+fn touches(anatomy: &Anatomy, label: u16, less: &[Extent]) -> Doubtful<bool> {
+    let (grid, labels) = (anatomy.labels.grid(), &anatomy.labels);
+    let dims = grid.dims();
+    let mut found = Doubtful::sure(false);
+    for n in (0..labels.data().len()).filter(|n| labels.data()[*n] == label) {
+        let at = grid.voxel(n);
+        let has_kept = (0..27usize).any(|side| {
+            // each coordinate one less, the same or one more
+            let beside: [usize; 3] =
+                std::array::from_fn(|a| (at[a] + side / 3usize.pow(a as u32) % 3).wrapping_sub(1));
+            (0..3).all(|a| beside[a] < dims[a]) && anatomy.is_kept(*labels.get(beside))
+        });
+        if has_kept {
+            let labelled: Labelled = &|is| Doubtful::sure(is(label));
+            let taken =
+                |taken: Doubtful<bool>, part: &Extent| taken.or(&part.holds(grid.center(at), labelled));
+            found = found.or(&less.iter().fold(Doubtful::sure(false), taken).not());
+            if found.surely {
+                break;
+            }
+        }
+    }
+    found
 }
 
 /// Volume of a shape, mm³, by the prismatoid's formula: h/6 (A₀ + 4 A½ + A₁), exact for all three.

@@ -59,32 +59,45 @@ class Case:
         ct: _images.Image,
         labels: _images.Image,
         *,
+        masks: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, _images.Image] = (),
         label_names: Mapping[str, int] | None = None,
+        ct_series: str | None = None,
         target: str | int | None = None,
         structures: Sequence[str | int] = (),
         ignored: Sequence[str | int] = (),
         robot: str = "bone-attached",
         approach: Sequence[float] | None = None,
+        registration: str | os.PathLike[str] | None = None,
+        fiducials: str | os.PathLike[str] | Sequence[Sequence[float]] | None = None,
     ) -> Case:
         """A case made of images, as ``bonemill case`` makes one: target and structures by their usual names, values to start from.
 
         Args:
             ct: Hounsfield units: a file or a folder that the command reads, too, an image of nibabel or SimpleITK, or
                 (array [i, j, k], affine (4, 4) to RAS+ mm).
-            labels: whole numbers, the same way.
+            labels: whole numbers, the same way; or a folder with one mask per structure.
+            masks: further files of labels or masks, on any grid, target and structures among them: files, a folder, or
+                images in memory by their names. A mask is named by its file.
             label_names: names of labels in memory and their values.
+            ct_series: SeriesInstanceUID of the CT, where its folder has several series.
             target: the label to be removed, by name or number, where names do not tell it.
             structures: labels to be spared that their names do not tell.
             ignored: labels not to be spared, whatever their names tell.
             robot: ``"bone-attached"``, ``"ur3e"``, ``"ur5e"`` or ``"ur10e"``.
             approach: (3,), out of the bone, in RAS+, any length; by default the planner chooses it.
+            registration: 3D Slicer's transform (.tfm, .txt) under which the CT lies where the robot's base sees it.
+            fiducials: at least three points that the arm will touch in this order: a file of 3D Slicer (.mrk.json, .fcsv),
+                or (n, 3) in RAS+ mm. What it finds is to be entered in the case. Not beside a registration.
 
         What the user should know of it (a label that is not spared, a side that is not known) is given as warnings.
 
         Raises:
-            ArrayError: no volume, no such type, an affine that is none. ImageError: an image that cannot be trusted.
-            CaseError: names do not tell the target, or a label that is not there.
+            ArrayError: no volume, no such type, an affine that is none, points that are none. ImageError: an image that
+            cannot be trusted. CaseError: names do not tell the target, a label that is not there, a file of 3D Slicer that
+            cannot be read.
         """
+        if registration is not None and fiducials is not None:
+            raise ArrayError("registration and fiducials: expected one of them")
         folder = _folders.temporary()
         home = Path(folder.name, "case.toml")
         paths = {name: _in_folder(Path(folder.name), name, image) for name, image in (("ct", ct), ("labels", labels))}
@@ -100,11 +113,13 @@ class Case:
             robot,
             None if approach is None else tuple(float(part) for part in approach),
         )
-        named = tuple(Path(path.name) if path.parent == home.parent else path for path in paths.values())
+        all_paths = [*paths.values(), *_masks(home.parent, masks)]
+        named = [(path, Path(path.name) if path.parent == home.parent else path) for path in all_paths]
+        images = ((named[0], ct_series), named[1], named[2:])
         try:
-            text, notes = _native.draft_case(tuple(paths.values()), named, wanted, home)  # type: ignore[arg-type]
+            text, notes = _native.draft_case(images, wanted, _place(registration, fiducials), home)
         except BonemillError as error:
-            said = re.sub(rf"{re.escape(folder.name + os.sep)}(ct|labels)\.nii", r"the image \1 in memory", str(error))
+            said = re.sub(rf"{re.escape(folder.name + os.sep)}([^/\\]+)\.nii", r"the image \1 in memory", str(error))
             raise type(error)(said) from None
         home.write_text(text, encoding="utf-8")
         for note in notes:
@@ -205,7 +220,7 @@ class Case:
         """A message with the names that the caller knows in place of this case's temporary files."""
         folder = "" if self._folder is None else re.escape(self._folder.name + os.sep)
         text = re.sub(rf"{folder}case\.toml(:\d+)?", lambda _: f"{self._origin} as changed", text)
-        text = re.sub(rf"{folder}(ct|labels)\.nii", r"the image \1 in memory", text)
+        text = re.sub(rf"{folder}([^/\\]+)\.nii", r"the image \1 in memory", text)
         return re.sub(rf"{folder}labels\.json", "label_names", text)
 
     @property
@@ -252,6 +267,33 @@ def _in_folder(folder: Path, name: str, image: _images.Image) -> Path:
     path = folder / f"{name}.nii"
     _images.write(path, name, image)
     return path
+
+
+def _masks(folder: Path, masks: Any) -> list[Path]:
+    """Where further files of labels lie, absolute; masks in memory are written into the folder, by their names."""
+    if isinstance(masks, Mapping):
+        for name in masks:
+            if name in ("ct", "labels") or not name.strip() or any(c in name for c in "/\\:"):
+                raise ArrayError(f"masks: the name {name!r} is none for a file; expected a structure's name")
+        return [_in_folder(folder, name, image) for name, image in masks.items()]
+    files = [masks] if _images.is_path(masks) else list(masks)
+    for file in files:
+        if not _images.is_path(file):
+            raise ArrayError(f"masks: {type(file).__name__}; expected files, or images in memory by their names")
+    return [Path(os.path.abspath(os.fspath(file))) for file in files]
+
+
+def _place(
+    registration: Any, fiducials: Any
+) -> tuple[Path | None, Path | None, list[tuple[float, float, float]] | None]:
+    """Files of 3D Slicer, or the fiducials' places."""
+    transform = None if registration is None else Path(registration)
+    if fiducials is None or _images.is_path(fiducials):
+        return transform, None if fiducials is None else Path(fiducials), None
+    try:
+        return transform, None, [(float(x), float(y), float(z)) for x, y, z in fiducials]
+    except (TypeError, ValueError):
+        raise ArrayError("fiducials: expected points (n, 3) in RAS+ mm, or a file of 3D Slicer") from None
 
 
 def _toml(key: str, value: Any) -> str:

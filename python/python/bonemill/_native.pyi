@@ -99,9 +99,9 @@ class ProsthesisPlan:
     def save(self, out: Path) -> Path: ...
 
 def draft_case(
-    images: tuple[Path, Path],
-    named: tuple[Path, Path],
+    images: tuple[tuple[tuple[Path, Path], str | None], tuple[Path, Path], list[tuple[Path, Path]]],
     wanted: tuple[str | None, list[str], list[str], str, tuple[float, float, float] | None],
+    place: tuple[Path | None, Path | None, list[tuple[float, float, float]] | None],
     file: Path,
 ) -> tuple[str, list[str]]: ...
 def with_values(text: str, file: Path, values: list[tuple[str, str | None]]) -> str: ...

@@ -76,19 +76,80 @@ fn a_voxel_of_two_layers_belongs_to_both_segments() {
     assert!(map.further.is_empty());
 }
 
+fn map_of(grid: Grid<Ct>, values: Vec<u16>) -> LabelMap {
+    let volume = Volume::new(grid, values).unwrap();
+    let provenance = Provenance { files: vec![], placement: Placement::Nrrd };
+    LabelMap { image: Image { volume, provenance, warnings: vec![] }, names: None, further: vec![] }
+}
+
 #[test]
 fn a_mask_is_added_as_a_label_that_is_free() {
     let mut map = read("a.seg.nrrd", &[SEGMENTATION.as_bytes(), b"\n\x04\x00\x09"].concat()).unwrap();
-    let mask = Volume::new(map.image.volume.grid().clone(), vec![1u16, 7, 0]).unwrap();
-    let label = map.add_mask(&mask, map.names.clone().as_ref()).unwrap();
+    let mask = map_of(map.image.volume.grid().clone(), vec![1u16, 7, 0]);
+    let label = map.add((&mask, None), Fit::Touched, map.names.clone().as_ref()).unwrap().number;
     assert_eq!(
         (label, map.image.volume.data(), &map.further[..]),
         (65535, &[4, 65535, 9][..], &[(0, 65535)][..])
     );
     assert_eq!(map.whole(label).data(), [65535, 65535, 9]);
-    assert_eq!(map.add_mask(&mask, None), Some(65534));
-    let other = Grid::aligned([3, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
-    assert_eq!(map.add_mask(&Volume::filled(other, 1u16), None), None);
+    // one label of it
+    assert_eq!(map.add((&mask, Some(7)), Fit::Centres, None), Ok(Added { number: 65534, mm3: [1.0; 2] }));
+    assert_eq!(map.whole(65534).data(), [4, 65534, 9]);
+    assert_eq!(map.labels(), [4, 9, 65534, 65535]);
+    assert_eq!(map.add((&mask, Some(3)), Fit::Centres, None), Err(AddFault::Empty { label: Some(3) }));
+}
+
+/// A rod of 0.4 mm voxels across 1 mm voxels, from 0.3 to 2.7 mm along x, at 0.9 to 1.3 mm along y, and its neighbours.
+#[test]
+fn a_label_of_another_grid_is_touched_or_has_centres_in_it() {
+    let thin = || {
+        let grid = Grid::aligned([6, 1, 1], 0.4, Point::new(0.5, 1.1, 0.0)).unwrap();
+        map_of(grid, vec![3; 6])
+    };
+    let wide = || map_of(Grid::aligned([4, 3, 1], 1.0, Point::new(0.0, 0.0, 0.0)).unwrap(), vec![0; 12]);
+    for how in [Fit::Touched, Fit::Centres] {
+        let mut map = wide();
+        map.add((&thin(), Some(3)), how, None).unwrap();
+        let at: Vec<usize> = (0..12).filter(|n| map.image.volume.data()[*n] != 0).collect();
+        // 0.3..2.7 mm meets the voxels 0, 1, 2 and 3, and holds the centres of 1 and 2
+        let all = if how == Fit::Touched { vec![4, 5, 6, 7] } else { vec![5, 6] };
+        assert_eq!(at, all, "{how:?}");
+    }
+    // and the other way round: a coarse label in finer voxels, whose faces are centres of these
+    let mut fine = map_of(Grid::aligned([9, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap(), vec![0; 9]);
+    let long = nalgebra::Vector3::new(1.0, 0.5, 0.5);
+    let coarse =
+        Grid::new([4, 1, 1], long, nalgebra::Matrix3::identity(), nalgebra::Vector3::zeros()).unwrap();
+    let coarse = map_of(coarse, vec![0, 1, 0, 0]);
+    let by = |map: &LabelMap, label: u16| -> Vec<usize> {
+        let whole = map.whole(label);
+        (0..whole.data().len()).filter(|n| whole.data()[*n] == label).collect()
+    };
+    let label = fine.add((&coarse, None), Fit::Centres, None).unwrap().number;
+    assert_eq!(by(&fine, label), [1, 2], "0.5 to 1.5 mm: of two centres on its faces one counts");
+    let Added { number: label, mm3 } = fine.add((&coarse, None), Fit::Touched, None).unwrap();
+    assert_eq!(mm3, [0.25, 0.375]);
+    assert_eq!(by(&fine, label), [1, 2, 3]);
+}
+
+#[test]
+fn a_map_grows_by_whole_voxels_to_hold_a_label_of_a_larger_grid() {
+    let lattice = |first: f64, n: usize| Grid::aligned([n, 2, 1], 0.5, Point::new(first, 0.0, 0.0)).unwrap();
+    let mut map = map_of(lattice(1.0, 2), vec![5, 0, 0, 6]);
+    map.further = vec![(0, 9)];
+    // voxels from 0 to 2.5 mm, of which the first and the last are the label's
+    let other = map_of(lattice(0.0, 6), vec![0, 0, 0, 0, 0, 4, 4, 0, 0, 0, 0, 0]);
+    for how in [Fit::Touched, Fit::Centres] {
+        let mut map = map.clone();
+        let label = map.add((&other, Some(4)), how, None).unwrap().number;
+        let grid = map.image.volume.grid();
+        assert_eq!((grid.dims(), grid.origin().x()), ([6, 2, 1], 0.0));
+        let expected = [0, 0, 5, 0, 0, label, label, 0, 0, 6, 0, 0];
+        assert_eq!((map.image.volume.data(), &map.further[..]), (&expected[..], &[(2, 9)][..]));
+    }
+    // so far away that no memory would hold both
+    let far = map_of(Grid::aligned([1, 1, 1], 0.5, Point::new(9e3, 9e3, 9e3)).unwrap(), vec![1]);
+    assert!(matches!(map.add((&far, None), Fit::Touched, None), Err(AddFault::TooLarge { .. })));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::kinds::{Meaning, OTHER, StructureKind, meaning, same_name};
 use super::{DraftError, FoundLabel};
-use crate::{Target, nearest};
+use crate::{LabelRef, Target, nearest};
 
 /// What the user asks for; labels by their name or number.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -110,11 +110,6 @@ pub fn choose(labels: &[FoundLabel], wishes: &Wishes) -> Result<Choice, DraftErr
         Some(target) => target,
         None => TargetChoice::Label(named_target(labels, &option_of)?),
     };
-    if let TargetChoice::Label(place) = target
-        && let Some(path) = labels.get(place).and_then(|label| label.mask.clone())
-    {
-        return Err(DraftError::MaskIsTarget { path });
-    }
     let role = |(place, label): (usize, &FoundLabel)| {
         role(label, option_of(place), target == TargetChoice::Label(place))
     };
@@ -154,11 +149,16 @@ fn role(label: &FoundLabel, option: Option<&'static str>, is_target: bool) -> Ro
         (_, Meaning::Structure(kind)) => Role::Structure(kind),
         (Some(_), _) => Role::Structure(&OTHER),
         // a mask of its own is given to be spared
-        (None, _) if label.mask.is_some() => Role::Structure(&OTHER),
+        (None, _) if is_mask(label) => Role::Structure(&OTHER),
         // another label is the target by the user's word: this one is told
         (None, Meaning::Target) => Role::Left(Meaning::Unknown),
         (None, other) => Role::Left(other),
     }
+}
+
+/// Whether a label is a file of its own.
+fn is_mask(label: &FoundLabel) -> bool {
+    matches!(label.of, LabelRef::File { label: None, .. })
 }
 
 fn rank(role: Role) -> Option<u32> {
@@ -173,7 +173,7 @@ fn find(labels: &[FoundLabel], option: &'static str, name: &str) -> Result<usize
     let number: Option<u16> = name.parse().ok();
     let found = [
         by(&|label| label.name.as_deref() == Some(name)),
-        by(&|label| label.mask.is_none() && number == Some(label.number)),
+        by(&|label| number == Some(label.number)),
         by(&|label| label.name.as_deref().is_some_and(|own| same_name(own, name))),
     ];
     let found = found.into_iter().find(|places| !places.is_empty()).unwrap_or_default();

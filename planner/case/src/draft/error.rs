@@ -63,12 +63,6 @@ pub enum DraftError {
         /// The second.
         second: &'static str,
     },
-    /// A further label file is meant to be the target.
-    #[error("{}: a mask in a file of its own is a structure; the target must be a label of the first label file", path.display())]
-    MaskIsTarget {
-        /// The mask's file.
-        path: PathBuf,
-    },
     /// Two structures would have one name.
     #[error(
         "the structures {first} and {second} would both be named {name:?}: give each label once, under a name of its own"

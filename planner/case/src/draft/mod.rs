@@ -20,20 +20,20 @@ pub use error::DraftError;
 pub use kinds::{Meaning, Side, StructureKind, meaning, side_in};
 pub use side::{SideFound, side};
 
-use super::Case;
+use super::{Case, LabelRef};
 
 /// Names of the arms for which a case can be made.
 pub const ROBOTS: [&str; 4] = ["bone-attached", "ur3e", "ur5e", "ur10e"];
 
-/// A label of the map, or a mask of its own file.
+/// A label of the map or of a file of its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundLabel {
-    /// Its number in the map; for a mask one that is free there.
+    /// Its number in the map; of another file one that is free there.
     pub number: u16,
     /// Its name, or that of the mask's file.
     pub name: Option<String>,
-    /// The mask's file, relative to the case.
-    pub mask: Option<PathBuf>,
+    /// How the case names it.
+    pub of: LabelRef,
     /// What it holds; `None` for a name without a voxel.
     pub survey: Option<LabelSurvey>,
 }
@@ -46,10 +46,11 @@ impl FoundLabel {
 
     /// What a message calls it: a mask's file, else its number and name.
     fn described(&self) -> String {
-        match (&self.mask, &self.name) {
-            (Some(file), _) => file.display().to_string(),
-            (None, Some(name)) => format!("{} {name:?}", self.number),
-            (None, None) => self.number.to_string(),
+        match (&self.of, &self.name) {
+            (LabelRef::File { path, label: None }, _) => path.display().to_string(),
+            (LabelRef::File { path, label: Some(label) }, _) => format!("{label} of {}", path.display()),
+            (_, Some(name)) => format!("{} {name:?}", self.number),
+            (_, None) => self.number.to_string(),
         }
     }
 

@@ -14,7 +14,13 @@ fn label(number: u16, name: &str, x_mm: f64) -> FoundLabel {
     let hu = Some(GreyValues { mean_hu: 700.0, low_hu: 100.0, high_hu: 1300.0 });
     let survey = LabelSurvey { number, volume_mm3: 12.5, center: Point::new(x_mm, 0.0, 0.0), hu };
     let name = Some(name.to_owned()).filter(|name| !name.is_empty());
-    FoundLabel { number, name, mask: None, survey: Some(survey) }
+    let of = name.clone().map_or(LabelRef::Number(number), LabelRef::Name);
+    FoundLabel { number, name, of, survey: Some(survey) }
+}
+
+/// A mask in this file.
+fn mask(path: &str) -> LabelRef {
+    LabelRef::File { path: path.into(), label: None }
 }
 
 fn labels(names: &[&str]) -> Vec<FoundLabel> {
@@ -102,10 +108,7 @@ fn what_cannot_be_told_is_refused_with_the_labels() {
     };
     let mut empty = ear.clone();
     empty[2].survey = None;
-    let mut mask = ear.clone();
-    mask[2].mask = Some("target.nii".into());
-    let mut unnamed = labels(&["", ""]);
-    unnamed[0].name = None;
+    let unnamed = labels(&["", ""]);
     for (labels, wishes, parts) in [
         (&ear[..2], Wishes::default(), ["no label's name tells the target", "1 \"bone\", 2 \"ear canal\""]),
         (&unnamed, Wishes::default(), ["--target NAME|NUMBER", "the labels are 1, 2"]),
@@ -125,7 +128,6 @@ fn what_cannot_be_told_is_refused_with_the_labels() {
             structure(&["NERVE"]),
             ["may be each of", "2 \"Nerve\", 3 \"nerve\""],
         ),
-        (&mask, Wishes::default(), ["target.nii", "a mask in a file of its own is a structure"]),
         (
             &labels(&["target", "dura, left", "dura  left"]),
             Wishes::default(),
@@ -140,11 +142,24 @@ fn what_cannot_be_told_is_refused_with_the_labels() {
 #[test]
 fn a_mask_is_spared_whatever_its_name() {
     let mut labels = labels(&["target", "lump"]);
-    labels[1].mask = Some("masks/lump.nii.gz".into());
+    labels[1].of = mask("masks/lump.nii.gz");
     let choice = choose(&labels, &Wishes::default()).unwrap();
     let made = made(&labels, &choice, |_| {}).unwrap();
-    assert_eq!(made.case.structures[0].label, LabelRef::File("masks/lump.nii.gz".into()));
+    assert_eq!(made.case.structures[0].label, mask("masks/lump.nii.gz"));
     assert_eq!(made.case.structures[0].clearance_mm, 1.0);
+}
+
+#[test]
+fn the_target_and_what_it_touches_may_be_in_files_of_their_own() {
+    let mut labels = labels(&["bone", "target", "facial nerve"]);
+    labels[1].of = mask("my target.nii.gz");
+    let nerve = Some(Box::new(LabelRef::Number(4)));
+    labels[2].of = LabelRef::File { path: "nerves.nii".into(), label: nerve };
+    let choice = choose(&labels, &Wishes::default()).unwrap();
+    let made = made(&labels, &choice, |draft| draft.beside_target = &[3]).unwrap();
+    assert_eq!(made.case.target, Target::Label(mask("my target.nii.gz")));
+    assert_eq!(made.case.structures[0].label, labels[2].of);
+    assert_eq!(made.case.less[0].of, Target::Label(labels[2].of.clone()));
 }
 
 #[test]

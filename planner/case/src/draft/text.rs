@@ -62,13 +62,15 @@ fn target(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
     match &draft.choice.target {
         TargetChoice::Label(place) => {
             if let Some(label) = draft.labels.get(*place) {
-                out.key("label", label_value(label)?, &figures(label));
+                out.label(label, &figures(label))?;
             }
-            let (taken, _) = touching(draft);
+            let taken = touching(draft);
             if !taken.is_empty() {
                 out.comment("The target touches these structures: they and what lies within the margin are taken away from it.");
-                let region = |label: &&FoundLabel, margin_mm: f64| -> Result<String, DraftError> {
-                    Ok(format!("{{ label = {}, margin_mm = {} }}", label_value(label)?, float(margin_mm)))
+                let region = |label: &FoundLabel, margin_mm: f64| -> Result<String, DraftError> {
+                    let lines =
+                        label_lines(label)?.into_iter().map(|(key, value)| format!("{key} = {value}, "));
+                    Ok(format!("{{ {}margin_mm = {} }}", lines.collect::<String>(), float(margin_mm)))
                 };
                 let regions = taken.iter().map(|(label, margin_mm)| region(label, *margin_mm));
                 let regions: Vec<String> = regions.collect::<Result<_, _>>()?;
@@ -77,9 +79,7 @@ fn target(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
         }
         TargetChoice::Shape(shape) => {
             out.comment("Bone and enclosed air in a shape, less every structure and its clearance.");
-            if let Some((key, value)) = write::target(shape) {
-                out.key(key, value, "");
-            }
+            write::target(shape).into_iter().for_each(|(key, value)| out.key(key, value, ""));
         }
     }
     Ok(())
@@ -94,10 +94,7 @@ fn structures(out: &mut Lines, draft: &Draft<'_>) -> Result<(), DraftError> {
         }
         out.line("[[structure]]", kind.name);
         out.key("name", text(&structure_name(label)), &figures(label));
-        match &label.mask {
-            Some(file) => out.key("file", path(file)?, ""),
-            None => out.key("label", label_value(label)?, ""),
-        }
+        out.label(label, "")?;
         out.key("clearance_mm", float(kind.clearance_mm()), "");
         out.key("priority", (n + 1).to_string(), "");
     }
@@ -204,19 +201,13 @@ pub(super) fn notes(draft: &Draft<'_>) -> Vec<String> {
     if draft.choice.structures.is_empty() {
         notes.push(NOTHING_SPARED.into());
     }
-    let (taken, masks) = touching(draft);
+    let taken = touching(draft);
     if !taken.is_empty() {
         let names: Vec<String> =
             taken.iter().map(|(label, mm)| format!("{} by {mm} mm", structure_name(label))).collect();
         notes.push(format!(
             "the target touches structures, which are taken away from it with a margin: {}",
             names.join(", ")
-        ));
-    }
-    for mask in masks {
-        notes.push(format!(
-            "the target touches the mask {}, so that the case will be refused: draw them apart, or put the mask into the label map",
-            mask.described()
         ));
     }
     if draft.side.is_contradicted {
@@ -239,20 +230,15 @@ fn target_note(draft: &Draft<'_>) -> Option<String> {
 /// A label to be taken away from the target, and its margin, mm.
 type Taken<'a> = (&'a FoundLabel, f64);
 
-/// Structures that the target touches: labels to be taken away from it, each with a margin, and masks, which cannot be.
-fn touching<'a>(draft: &Draft<'a>) -> (Vec<Taken<'a>>, Vec<&'a FoundLabel>) {
+/// Structures that the target touches, which are taken away from it, each with a margin.
+fn touching<'a>(draft: &Draft<'a>) -> Vec<Taken<'a>> {
     if !matches!(draft.choice.target, TargetChoice::Label(_)) {
-        return (vec![], vec![]);
+        return vec![];
     }
     let beside = chosen(draft).into_iter().filter(|(label, _)| draft.beside_target.contains(&label.number));
     // what is left must not touch either: a voxel's diagonal apart, to a tenth
     let apart_mm = (draft.diagonal_mm * 10.0).ceil() / 10.0;
-    let margin = |kind: &super::StructureKind| kind.clearance_mm().max(apart_mm);
-    let (masks, labels): (Vec<_>, Vec<_>) = beside.partition(|(label, _)| label.mask.is_some());
-    (
-        labels.into_iter().map(|(label, kind)| (label, margin(kind))).collect(),
-        masks.into_iter().map(|(label, _)| label).collect(),
-    )
+    beside.map(|(label, kind)| (label, kind.clearance_mm().max(apart_mm))).collect()
 }
 
 /// The structures by their importance.
@@ -264,15 +250,16 @@ fn chosen<'a>(draft: &Draft<'a>) -> Vec<(&'a FoundLabel, &'static super::Structu
     draft.choice.structures.iter().filter_map(of).collect()
 }
 
-/// A label by its name where it has one that a case can give.
-fn label_value(label: &FoundLabel) -> Result<String, DraftError> {
-    let name = label.name.as_deref().filter(|name| !name.trim().is_empty());
-    Ok(name.map_or_else(|| label.number.to_string(), text))
+/// The keys that name a label.
+fn label_lines(label: &FoundLabel) -> Result<Vec<(&'static str, String)>, DraftError> {
+    label.of.file().map_or(Ok(()), |file| path(file).map(|_| ()))?;
+    Ok(write::label_lines(&label.of))
 }
 
 /// A label's number and figures.
 fn figures(label: &FoundLabel) -> String {
-    let number = if label.mask.is_some() { String::new() } else { format!("label {}: ", label.number) };
+    let is_in_map = label.of.file().is_none();
+    let number = if is_in_map { format!("label {}: ", label.number) } else { String::new() };
     number + &volume(label)
 }
 
@@ -299,6 +286,14 @@ impl Lines {
     fn table(&mut self, head: &str) {
         self.blank();
         self.line(head, "");
+    }
+
+    /// The keys that name a label, with a comment to the first.
+    fn label(&mut self, label: &FoundLabel, comment: &str) -> Result<(), DraftError> {
+        for (n, (key, value)) in label_lines(label)?.into_iter().enumerate() {
+            self.key(key, value, if n == 0 { comment } else { "" });
+        }
+        Ok(())
     }
 
     fn key(&mut self, key: &str, value: String, comment: &str) {

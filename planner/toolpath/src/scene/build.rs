@@ -94,7 +94,7 @@ pub struct MemoryNeed {
 /// Builds the scene.
 ///
 /// # Errors
-/// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a map that does not overlap
+/// [`SceneError`] for a target that is absent, empty or outside the scan, for a structure in what a tool sweeps, for a map that does not overlap
 /// the CT or lies beside it, for a label that lies outside the CT, and for grids beyond memory.
 pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let mut warnings = Vec::new();
@@ -117,8 +117,12 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
-    let inside = Inside::new(spec, &structures, &region, &grid, &ct_from_work)?;
-    touching::check(spec, &inside, &structures)?;
+    let mut inside = Inside::new(spec, &structures, &region, &grid, &ct_from_work)?;
+    let touched = touching::touched(spec, &inside, &structures)?;
+    if !touched.is_empty() {
+        inside.give_way(spec, &structures);
+        warnings.push(touching::warning(spec, &inside, &touched));
+    }
     let images = mask::WorkImages { hu, labels, ct_from_work };
     let mask::TargetMask { mask: in_target, outside, voxel_mm3: target_voxel_mm3 } =
         mask::target_mask(spec, &target, &inside, &images)?;
@@ -218,7 +222,12 @@ fn check_labels(spec: &SceneSpec, named: &[(String, u16)]) -> Result<(), SceneEr
         let (label, what) = (*label, what.clone());
         return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
     }
-    Ok(())
+    match spec.target {
+        Target::Label(label) if !spec.labels.data().contains(&label) => Err(SceneError::EmptyTarget(
+            "every voxel of it belongs to a structure, or to what target.less names".into(),
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// The label at each work voxel's centre.

@@ -1,7 +1,7 @@
 //! Which places are target: what the case asks for and adds, less what it takes away, less what structures need.
 //!
-//! A label that the case names as its target is taken as it is drawn. All else - a shape, and whatever the case adds - gives
-//! way to the structures and their clearances; what is taken away is taken from everything. In a shape only bone and the air
+//! A label that the case names as its target is taken as it is drawn, unless it touches a structure. All else - such a label, a shape,
+//! and whatever the case adds - gives way to the structures and their clearances; what is taken away is taken from everything. In a shape only bone and the air
 //! that it encloses are target.
 
 use bonemill_geometry::TargetRegion;
@@ -109,9 +109,7 @@ impl Inside {
         let less = spec.less.iter().map(part).collect::<Result<_, _>>()?;
         // what a channel's tool sweeps gives way to nothing
         let gives_way = !spec.is_swept && parts.iter().any(|part| part.gives_way);
-        let clearances = if gives_way { spec.clearances_mm } else { &[] };
-        let near = structures.iter().zip(clearances);
-        let near = near.filter_map(|(s, mm)| Some((s.field.clone()?, *mm))).collect();
+        let near = if gives_way { near(spec, structures) } else { vec![] };
         let has_shape = parts.iter().any(|part| !part.is_label());
         Ok(Self {
             parts,
@@ -121,6 +119,12 @@ impl Inside {
             bone_hu: spec.bone_hu,
             closed: if has_shape { Some(closed_bone(spec, grid, ct_from_work)?) } else { None },
         })
+    }
+
+    /// Makes the case's own target give way to structures and their clearances, also where it is a label.
+    pub fn give_way(&mut self, spec: &SceneSpec, structures: &[SceneStructure]) {
+        self.parts[0].gives_way = true;
+        self.near = near(spec, structures);
     }
 
     /// Whether the case takes a place of this label away from its target.
@@ -186,6 +190,12 @@ impl Inside {
         }
         if counted > 0 { own_mm3 / counted as f64 } else { grid.voxel_mm3() }
     }
+}
+
+/// Structures with their clearances, mm.
+fn near(spec: &SceneSpec, structures: &[SceneStructure]) -> Vec<(StructureField, f64)> {
+    let near = structures.iter().zip(spec.clearances_mm);
+    near.filter_map(|(s, mm)| Some((s.field.clone()?, *mm))).collect()
 }
 
 /// Bone and the air that it encloses, in and around a grid.

@@ -197,10 +197,10 @@ pub enum SceneError {
         /// Extent of the CT.
         ct: String,
     },
-    /// The target touches something that must be kept.
+    /// A structure lies in what a channel's tool sweeps.
     #[error(
-        "the target touches structure '{structure}' at ct ({x:.2}, {y:.2}, {z:.2}) mm, label voxel {voxel:?}: \
-         separate them in the label map, or take the structure with a margin away from the target (target.less)"
+        "the target touches structure '{structure}' at ct ({x:.2}, {y:.2}, {z:.2}) mm, label voxel {voxel:?}: the tool would sweep it; \
+         choose another entry, direction or depth, or a thinner tool"
     )]
     TargetTouches {
         /// The structure.
@@ -211,7 +211,7 @@ pub enum SceneError {
         y: f64,
         /// Where, mm in ct.
         z: f64,
-        /// The target's voxel in the label map, or the nearest one.
+        /// The structure's voxel in the label map.
         voxel: [usize; 3],
     },
     /// The planning grid would not fit.

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
+use bonemill_imaging::displacement_mm;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -35,7 +36,7 @@ pub struct Displaced {
 impl Displaced {
     /// How far the map lies beside; `None` for one that does not, and for one with voxels of its own.
     pub fn of(ct: &Grid<Ct>, labels: &Grid<Ct>) -> Option<Self> {
-        let of_its_size = of_its_size_mm(ct, labels);
+        let of_its_size = displacement_mm(ct, labels);
         let mm = of_its_size.or_else(|| of_its_spacing_mm(ct, labels))?;
         let voxels = mm / ct.spacing_mm().min();
         let found = Self { mm, voxels, is_of_its_size: of_its_size.is_some() };
@@ -67,18 +68,6 @@ impl Displaced {
              where its header says"
         )
     }
-}
-
-/// The largest distance of a corner of the CT's box from the nearest corner of the label map's, mm, where both have as many
-/// voxels along their sides; the order and sense in which axes are stored do not matter.
-fn of_its_size_mm(ct: &Grid<Ct>, labels: &Grid<Ct>) -> Option<f64> {
-    let sorted = |mut dims: [usize; 3]| {
-        dims.sort_unstable();
-        dims
-    };
-    let nearest =
-        |p: &Point<Ct>| labels.corners().iter().map(|q| p.distance_mm(q)).fold(f64::INFINITY, f64::min);
-    (sorted(ct.dims()) == sorted(labels.dims())).then(|| ct.corners().iter().map(nearest).fold(0.0, f64::max))
 }
 
 /// The largest distance of one of the map's outermost centres from the CT's centre (or the place where its grid goes on) that it has

@@ -42,6 +42,7 @@ fn label(voxel: [usize; 3]) -> u16 {
 struct Body {
     ct: Volume<f32, Ct>,
     labels: Volume<u16, Ct>,
+    further: Vec<(u32, u16)>,
     labels_affine: Option<AffineChoice>,
     target: Target<u16>,
     also: Vec<TargetRegion<u16>>,
@@ -56,6 +57,7 @@ impl Body {
         Self {
             ct: volume(&grid(), |v| if v[2] < AIR_FROM { BONE_HU } else { AIR_HU }),
             labels: volume(&grid(), label),
+            further: vec![],
             labels_affine: Some(AffineChoice::Auto),
             target: Target::Label(TARGET),
             also: vec![],
@@ -70,7 +72,7 @@ impl Body {
         build_scene(&SceneSpec {
             ct: &self.ct,
             labels: &self.labels,
-            further: &[],
+            further: &self.further,
             labels_affine: self.labels_affine,
             target: self.target.clone(),
             also: &self.also,
@@ -267,7 +269,7 @@ fn a_shape_gives_way_to_structures_and_their_clearances() {
     assert!((mm3(&scene) / left_mm3 - 1.0).abs() < 0.02, "{} {left_mm3}", mm3(&scene));
     // and a voxel beyond the clearance is target
     assert!(found.iter().any(|p| from_rod(p) < 1.3));
-    // what a tool sweeps gives way to nothing, and a drawn label that touches is refused
+    // what a tool sweeps gives way to nothing
     let swept = Body { target, is_swept: true, ..Body::new() };
     assert!(matches!(swept.scene(), Err(SceneError::TargetTouches { .. })));
 }
@@ -292,8 +294,46 @@ fn what_is_added_and_taken_away_counts_with_its_margin() {
     // a label that touches the rod as drawn, and no more once its neighbourhood is taken away
     let wide = |v| if is_in(v, [8..20, 9..20, 12..20]) { TARGET } else { label(v) };
     let touching = |less| Body { labels: volume(&grid(), wide), less, ..Body::new() };
-    assert!(matches!(touching(vec![]).scene(), Err(SceneError::TargetTouches { .. })));
-    assert!(touching(vec![rod(0.6)]).scene().is_ok());
+    assert!(touching(vec![]).warnings().contains("the target touches structure 'nerve'"));
+    assert_eq!(touching(vec![rod(0.6)]).warnings(), "");
+}
+
+#[test]
+fn a_label_that_touches_or_overlaps_a_structure_gives_way_as_a_shape_does() {
+    let from_rod = |p: &Point<Ct>| {
+        let [dx, dz] = [(p.x() - 7.25).abs() - 0.5, (p.z() - 12.25).abs() - 0.5].map(|d| d.max(0.0));
+        let dy = (p.y() - 9.25).abs() - 4.5;
+        nalgebra::Vector3::new(dx, dy.max(0.0), dz).norm()
+    };
+    let wide = |v| if is_in(v, [8..22, 9..20, 12..20]) { TARGET } else { 0 };
+    let with_rod = |v| if label(v) == ROD { ROD } else { wide(v) };
+    let labels = volume(&grid(), with_rod);
+    // the rod's own voxels in the target: 2 × 11 × 2 of 0.125 mm³
+    let shared: Vec<(u32, u16)> = (0..grid().len())
+        .filter(|n| label(grid().voxel(*n)) == ROD && wide(grid().voxel(*n)) == TARGET)
+        .map(|n| (n as u32, TARGET))
+        .collect();
+    assert_eq!(shared.len(), 44);
+    for (further, overlap) in [(shared, ", which overlaps it by 5.50 mm³"), (vec![], "")] {
+        let drawn = 14 * 11 * 8 - 44 + further.len();
+        let scene = Body { labels: labels.clone(), further, ..Body::new() }.scene().unwrap();
+        let found = places(&scene);
+        assert!(found.iter().all(|p| from_rod(p) >= 1.0 - 1e-9), "the clearance of 1 mm is kept");
+        let kept = (0..grid().len()).map(|n| grid().voxel(n)).filter(|v| with_rod(*v) == TARGET);
+        let kept = kept.filter(|v| from_rod(&grid().center(*v)) >= 1.0 - 1e-9).count();
+        assert_eq!(found.len(), kept);
+        let (lost_mm3, drawn_mm3) = ((drawn - kept) as f64 / 8.0, drawn as f64 / 8.0);
+        let said = format!("the target touches structure 'nerve'{overlap}: ");
+        let loss = format!("{lost_mm3:.2} of {drawn_mm3:.2} mm³ ({:.1} %)", 100.0 * lost_mm3 / drawn_mm3);
+        let warnings = scene.warnings.join("\n");
+        assert!(warnings.contains(&said) && warnings.contains(&loss), "{warnings}");
+    }
+    // nothing but structure
+    let all: Vec<(u32, u16)> =
+        (0..grid().len()).filter(|n| label(grid().voxel(*n)) == ROD).map(|n| (n as u32, TARGET)).collect();
+    let only = volume(&grid(), |v| if label(v) == ROD { ROD } else { 0 });
+    let said = Body { labels: only, further: all, ..Body::new() }.scene().unwrap_err().to_string();
+    assert!(said.contains("the target is empty: every voxel of it belongs to a structure"), "{said}");
 }
 
 #[test]

@@ -175,7 +175,7 @@ fn in_region(spec: &ChannelSpec, entry: Point<Ct>, anatomy: &Anatomy) -> bool {
         Entry::Label(label) => {
             let number = match label {
                 LabelRef::Number(number) => Some(*number),
-                LabelRef::Name(_) | LabelRef::File(_) => anatomy.number_of(label),
+                LabelRef::Name(_) | LabelRef::File { .. } => anatomy.number_of(label),
             };
             let grid = anatomy.labels.grid();
             let reach = grid.diagonal_mm();

@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use bonemill_geometry::{Ct, Volume};
 
 use super::More;
+use super::moved::{self, MaskRule};
 use crate::error::ReadProblem;
 
 /// A label map as its file gives it.
@@ -21,14 +22,17 @@ pub struct LabelsRead {
 }
 
 impl LabelsRead {
-    /// Adds a mask on the same grid, and tells its label: one that no voxel and no name has.
+    /// Adds what `of` tells of another file as a label that no voxel and no name has, and tells its number. It may lie on another grid
+    /// ([`moved`]).
     ///
     /// # Errors
-    /// [`ReadProblem::Affine`] for another grid.
-    pub fn add(&mut self, mask: &Volume<u16, Ct>, named: &[u16]) -> Result<u16, ReadProblem> {
-        let (a, b) = (self.shown.grid(), mask.grid());
-        let off_mm =
-            a.corners().into_iter().zip(b.corners()).map(|(p, q)| p.distance_mm(&q)).fold(0.0, f64::max);
+    /// [`ReadProblem::Affine`] where it has no voxel, or lies too far away.
+    pub fn add(
+        &mut self,
+        (file, of): (&LabelsRead, Option<u16>),
+        by: MaskRule,
+        named: &[u16],
+    ) -> Result<u16, ReadProblem> {
         let used: HashSet<u16> = self
             .shown
             .data()
@@ -38,10 +42,23 @@ impl LabelsRead {
             .chain(self.further.iter().map(|(_, l)| *l))
             .collect();
         let label = (1..=u16::MAX).rev().find(|label| !used.contains(label));
-        let (Some(label), true) = (label, a.dims() == b.dims() && off_mm <= 1e-3) else {
-            return Err(ReadProblem::Affine("another grid than the label map's"));
+        let mut is_in: Vec<bool> =
+            file.shown.data().iter().map(|value| of.map_or(*value != 0, |of| *value == of)).collect();
+        file.further
+            .iter()
+            .filter(|(_, other)| Some(*other) == of)
+            .for_each(|(place, _)| is_in[*place] = true);
+        let (a, b) = (self.shown.grid(), file.shown.grid());
+        let off_mm =
+            a.corners().into_iter().zip(b.corners()).map(|(p, q)| p.distance_mm(&q)).fold(0.0, f64::max);
+        if a.dims() != b.dims() || off_mm > 1e-3 {
+            let mask = Volume::new(b.clone(), is_in)?;
+            is_in = moved::onto(self, &mask, by)?;
+        }
+        let (Some(label), true) = (label, is_in.contains(&true)) else {
+            return Err(ReadProblem::Affine("no voxel that the label map could hold"));
         };
-        for (place, _) in mask.data().iter().enumerate().filter(|(_, value)| **value != 0) {
+        for (place, _) in is_in.iter().enumerate().filter(|(_, is_in)| **is_in) {
             match &mut self.shown.data_mut()[place] {
                 shown @ 0 => *shown = label,
                 _ => self.further.push((place, label)),
