@@ -117,7 +117,8 @@ class Case:
         named = [(path, Path(path.name) if path.parent == home.parent else path) for path in all_paths]
         images = ((named[0], ct_series), named[1], named[2:])
         try:
-            text, notes = _native.draft_case(images, wanted, _place(registration, fiducials), home)
+            place = _place(registration, fiducials)
+            text, notes = _native.draft_case(images, wanted, place, home)  # type: ignore[arg-type]
         except BonemillError as error:
             said = re.sub(rf"{re.escape(folder.name + os.sep)}([^/\\]+)\.nii", r"the image \1 in memory", str(error))
             raise type(error)(said) from None
