@@ -117,8 +117,10 @@ fn at_level(
 fn spare_inputs(case: &Case, case_path: &Path, staged: &StagedDirectory) -> anyhow::Result<()> {
     staged.relative(case_path)?;
     let folder = case_path.parent().unwrap_or(Path::new(""));
-    for (key, image) in [("images.ct", &case.images.ct), ("images.labels", &case.images.labels)] {
-        staged.relative(&folder.join(image)).with_context(|| place(case_path, key))?;
+    // another file that is not there is told with its line when it is read
+    let is_there = |(key, file): &(String, &Path)| key.starts_with("images.") || folder.join(file).exists();
+    for (key, file) in case.files().into_iter().filter(is_there) {
+        staged.relative(&folder.join(file)).with_context(|| place(case_path, &key))?;
     }
     Ok(())
 }
