@@ -42,7 +42,8 @@ pub fn run(args: &StandArgs, progress: &dyn Progress) -> anyhow::Result<Outcome>
     Ok(match standing.best {
         Some(_) => outcome,
         None => outcome.falling_short(format!(
-            "the arm fits at none of {} places: {}",
+            "the arm fits at none of {} places: {}; try another patch (--from-mm, --to-mm), mount the handpiece at another angle \
+             (robot.flange_from_burr), or allow more branches (robot.branch)",
             standing.places.len(),
             reasons(&standing)
         )),
@@ -72,7 +73,12 @@ fn patch(args: &StandArgs) -> anyhow::Result<Patch> {
 /// The most frequent reasons why places do not fit.
 fn reasons(standing: &Standing) -> String {
     let faults = standing.faults();
-    let told = faults.iter().take(REASONS).map(|(fault, count)| format!("{fault} ({count})"));
+    let told = faults.iter().take(REASONS).map(|fault| match fault.least_short_mm {
+        Some(mm) => {
+            format!("{} ({}, {mm:.1} mm short of robot.link_clearance_mm at best)", fault.why, fault.count)
+        }
+        None => format!("{} ({})", fault.why, fault.count),
+    });
     told.collect::<Vec<_>>().join(", ")
 }
 
@@ -114,7 +120,7 @@ fn summary(standing: &Standing) -> String {
 fn figures(standing: &Standing) -> serde_json::Value {
     let vector = |v: &Vector3<f64>| [v.x, v.y, v.z];
     let faults: serde_json::Map<_, _> =
-        standing.faults().into_iter().map(|(fault, count)| (fault.to_owned(), count.into())).collect();
+        standing.faults().into_iter().map(|fault| (fault.why.to_owned(), fault.count.into())).collect();
     let best = standing.best.as_ref().map(|best| {
         let place = &standing.places[best.place];
         let rows: Vec<[f64; 3]> =

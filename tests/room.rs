@@ -1,6 +1,7 @@
 //! An arm among obstacles and beside a patient: plans keep the links clear or say what is in the way, and the verification finds
 //! planted faults.
 
+use std::collections::BTreeSet;
 use std::fs;
 
 use crate::support::place::Place;
@@ -98,6 +99,7 @@ fn links_go_round_an_obstacle_or_the_plan_says_what_is_in_the_way() {
         "the arm cannot reach waypoint",
         "runs into shelf by up to",
         "robot.link_clearance_mm = 10",
+        "mount the handpiece at another angle (robot.flange_from_burr)",
     ]);
 }
 
@@ -114,6 +116,66 @@ fn a_patient_where_the_arm_is_fails_the_verification() {
     let found = verify(&faulty, &Quiet).unwrap().checks;
     let check = check_of(&found, "links to the patient");
     assert!(!check.passed() && check.value < 0.0, "{check}");
+}
+
+#[test]
+fn a_base_may_stand_on_a_table_but_not_in_one_or_in_the_patient() {
+    let table = |top_mm: f64| {
+        format!(
+            "[[obstacle]]\nname = \"table\"\nbox = {{ min_mm = [-200, -200, -80], max_mm = [200, 200, {top_mm:?}] }}\n"
+        )
+    };
+    let place = beside(&table(0.0));
+    let plan = planned(&place);
+    assert!(least_mm(&plan) >= 10.0);
+    let found = verify(&plan, &Quiet).unwrap().checks;
+    assert!(check_of(&found, "links to obstacles and each other").passed());
+    // the same plan, had the table been higher
+    let mut faulty = StoredPlan::load(&plan.dir).unwrap();
+    let ObstacleShape::Box { max_mm, .. } = &mut faulty.record.case.obstacles[0].shape else { panic!() };
+    max_mm.z = 30.0;
+    let found = verify(&faulty, &Quiet).unwrap().checks;
+    let check = check_of(&found, "links to obstacles and each other");
+    assert!(!check.passed() && check.note.starts_with("base and table"), "{check}");
+
+    beside(&table(30.0)).falls_short_of_a_plan(&[
+        "the arm's base runs into table by up to",
+        "move the base or the patient (robot.base_from_ct)",
+    ]);
+    let place =
+        Place::healthy().with_case("rate_hz = 100", &format!("rate_hz = 100\nhead_beyond_mm = 500\n{ROBOT}"));
+    place.falls_short_of_a_plan(&["the arm's base runs into the patient"]);
+}
+
+#[test]
+fn what_an_arm_among_obstacles_does_not_reach_is_told_with_link_and_distance() {
+    let healthy = beside("");
+    let free = planned(&healthy);
+    let target = free.record.frames.base_from_ct * free.waypoints[0].position;
+    let block = |low: [f64; 3], high: [f64; 3]| {
+        let at = |by: [f64; 3]| (target.coords + Vector3::from(by)).data.0[0];
+        format!(
+            "[orientation]\nmode = \"fixed\"\n[[obstacle]]\nname = \"post\"\nbox = {{ min_mm = {:?}, max_mm = {:?} }}\n",
+            at(low),
+            at(high)
+        )
+    };
+    // a post beside the handpiece: it may not come down on that side
+    let place = beside(&block([20.0, -300.0, 20.0], [60.0, 300.0, 40.0]));
+    let ran = place.plan();
+    let why = "the arm cannot take an axis along which the shank is free: the arm's handpiece comes within";
+    assert!(ran.code == 1 && ran.err.contains(why), "{}", ran.err);
+    let dropped = fs::read_to_string(place.path("plan/dropped.csv")).unwrap();
+    let reasons: BTreeSet<_> = dropped.lines().skip(1).map(|line| &line[line.find('"').unwrap()..]).collect();
+    assert!(reasons.iter().any(|reason| reason.contains(why) && reason.contains(" mm of post")), "{reasons:?}");
+    assert!(reasons.len() <= 3, "one reason for all places of a kind: {reasons:?}");
+    // a post that lets it come down nowhere
+    let place = beside(&block([2.0, -300.0, -12.0], [60.0, 300.0, 8.0]));
+    place.falls_short_of_a_plan(&[
+        "the shank can reach no part of the target",
+        "the arm's handpiece comes within",
+        "how it holds the handpiece (robot.flange_from_burr)",
+    ]);
 }
 
 #[test]

@@ -192,6 +192,7 @@ impl ChannelJob<'_> {
             .map_err(|error| registered.blame(self.case, error))?;
         let room =
             room::room(self.case, &arm, (&self.images.ct.volume, &scene.approach), &registered.base_from_ct)?;
+        room::judge_base(room.as_ref()).map_err(|error| registered.blame(self.case, error))?;
         let mut warnings = self.images.warnings.clone();
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::warnings(self.case, &arm));

@@ -141,9 +141,10 @@ impl Prepared<'_> {
             tried += 1;
         }
         let with_tried = |error| match error {
-            PlanError::OutOfReach { waypoint, axis, excess } => PlanError::OutOfReach {
+            PlanError::OutOfReach { waypoint, axis, excess, meets } => PlanError::OutOfReach {
                 waypoint,
                 axis,
+                meets,
                 excess: format!("{excess} ({tried} {} tried)", if tried == 1 { "axis" } else { "axes" }),
             },
             other => other,

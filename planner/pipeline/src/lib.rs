@@ -54,7 +54,7 @@ use attempt::Attempt;
 use bonemill_case::Case;
 use bonemill_cutting::cutter::Ball;
 use bonemill_geometry::Progress;
-use bonemill_setup::{Setup, Stopwatch, nearest_structures};
+use bonemill_setup::{Setup, Stopwatch, nearest_structures, room};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
 use bonemill_toolpath::scene::{ChosenWay, Scene, Way};
@@ -128,6 +128,7 @@ fn along(
 
 /// Plans a case whose inputs are read.
 fn planned(case: &Case, setup: Setup, mut watch: Stopwatch) -> Result<Plan, PlanError> {
+    room::judge_base(setup.room.as_ref()).map_err(|error| setup.registered.blame(case, error))?;
     let space = watch.run("free space", || free_space(&setup.case, &setup.scene))?;
     let solid = watch.run("solid", || shank_obstacles(&setup.case, &setup.scene));
     let reversed = spin::reversed(&setup.case);

@@ -61,6 +61,7 @@ impl ShaftFreedom {
     /// What access depends on, for drafts.
     pub fn reach_spec<'b, 's>(&'b self, start: &Start<'s>) -> ReachSpec<'b, 's> {
         ReachSpec {
+            start: *start,
             radius_mm: start.case.burr.radius_mm,
             shank: &self.shank,
             solid: start.solid,

@@ -7,11 +7,12 @@
 //! Putting off a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
 //! has a free angle and a sequence of angles leads through all of them, free between waypoints too.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
+use bonemill_robot::resolve::Meeting;
 use bonemill_setup::Unreached;
 use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
 use bonemill_toolpath::engagement::{Increments, mass_increments};
@@ -27,11 +28,14 @@ use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;
+use super::start::Start;
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 40;
 /// After so many rounds in which turning above the bone was of no help, it is not tried any more.
 const MOST_IN_VAIN: u32 = 4;
+/// Of the axes along which the shank is free and which the arm cannot take, so many are asked which link is in the way.
+const MOST_ASKED: usize = 8;
 /// Of a pass that the shank cannot turn to, at most 2 to the power of this many waypoints are put off at once.
 const MOST_DOUBLED: u32 = 10;
 
@@ -88,6 +92,8 @@ pub fn set_apart(path: &MillPath) -> usize {
 /// What access depends on.
 #[derive(Debug, Clone, Copy)]
 pub struct ReachSpec<'a, 's> {
+    /// What the path is laid for.
+    pub start: Start<'s>,
     /// The burr's.
     pub radius_mm: f64,
     /// The shank.
@@ -129,7 +135,7 @@ pub fn reached<'a>(
     let ball = Ball { radius_mm: spec.radius_mm };
     for round in 1..=MOST_ROUNDS {
         if path.points.is_empty() {
-            return Err(Unreached::Nothing);
+            return Err(Unreached::Nothing { mostly: most_frequent(&told(dropped)) });
         }
         let eighths = EighthTimes::new(spec.solid, &path.points, ball);
         let access = Access::new(scene, spec.solid, eighths, spec.shank);
@@ -151,6 +157,7 @@ pub fn reached<'a>(
                 let is_long_cut = |i: usize| removes(i) && length_mm[i] > spec.longest_cut_mm();
                 let long: HashSet<usize> = (0..path.points.len()).filter(|i| is_long_cut(*i)).collect();
                 if long.is_empty() || round == MOST_ROUNDS {
+                    let dropped = told(dropped);
                     return Ok(ReachedPath { path, access, free, limited, length_mm, moments, dropped });
                 }
                 // links that graze a cusp are cuts: laid anew in steps, along the same way
@@ -186,15 +193,15 @@ pub fn reached<'a>(
                 let Some(position) = pass.points.get(point.1 as usize) else { continue };
                 if points.insert(point) && pass.put_off {
                     let (index, center) = (i as u32, path.points[i].position);
-                    let reason = if free.count(i) > 0 {
-                        "no way to turn the shaft there".into()
-                    } else if arm_blocks(&access, spec, index, center, limited[i]) {
-                        "the arm cannot take an axis along which the shank is free".into()
+                    let why = if free.count(i) > 0 {
+                        WhyDropped::Text("no way to turn the shaft there".into())
+                    } else if let Some(why) = arm_blocks(&access, spec, index, center, limited[i]) {
+                        why
                     } else {
                         let blocked = access.blocked(index, center, &Vector3::z());
-                        what_blocks(scene, spec.shank, center, blocked)
+                        WhyDropped::Text(what_blocks(scene, spec.shank, center, blocked))
                     };
-                    dropped.push(Dropped { position: *position, reason });
+                    dropped.push((*position, why));
                 }
             }
         }
@@ -204,11 +211,58 @@ pub fn reached<'a>(
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })
 }
 
-/// Whether the shank would be free along some axis that the arm cannot take.
-fn arm_blocks(access: &Access, spec: &ReachSpec, i: u32, center: Point<Work>, is_limited: bool) -> bool {
+/// Why a place is left out.
+enum WhyDropped {
+    Text(String),
+    /// A link keeps the arm from an axis along which the shank is free.
+    Meets(Meeting),
+}
+
+/// The words for an axis that the arm cannot take.
+const NO_SUCH_AXIS: &str = "the arm cannot take an axis along which the shank is free";
+
+/// What keeps the arm from the axes along which the shank would be free; `None` where there are none of these.
+fn arm_blocks(
+    access: &Access,
+    spec: &ReachSpec,
+    i: u32,
+    center: Point<Work>,
+    is_limited: bool,
+) -> Option<WhyDropped> {
     let set = spec.directions;
-    let mut allowed = set.axes().iter().filter(|axis| !is_limited || set.is_within_limit(axis));
-    allowed.any(|axis| !spec.arm.allows(center, axis) && access.is_free(i, center, axis))
+    let allowed = set.axes().iter().filter(|axis| !is_limited || set.is_within_limit(axis));
+    let mut blocked =
+        allowed.filter(|axis| !spec.arm.allows(center, axis) && access.is_free(i, center, axis)).peekable();
+    blocked.peek()?;
+    let meeting = blocked.take(MOST_ASKED).find_map(|axis| spec.start.placed().meets(center, axis));
+    Some(meeting.map_or(WhyDropped::Text(NO_SUCH_AXIS.into()), WhyDropped::Meets))
+}
+
+/// The reasons in words. Places at which one link meets one thing have one reason, with the least distance of them all.
+fn told(dropped: Vec<(Point<Work>, WhyDropped)>) -> Vec<Dropped> {
+    let mut nearest: HashMap<(&'static str, String), Meeting> = HashMap::new();
+    for (_, why) in &dropped {
+        if let WhyDropped::Meets(meeting) = why {
+            let least =
+                nearest.entry((meeting.link, meeting.other.clone())).or_insert_with(|| meeting.clone());
+            least.distance_mm = least.distance_mm.min(meeting.distance_mm);
+        }
+    }
+    let reason = |why| match why {
+        WhyDropped::Text(text) => text,
+        WhyDropped::Meets(meeting) => {
+            let least = nearest.get(&(meeting.link, meeting.other.clone())).unwrap_or(&meeting);
+            format!("{NO_SUCH_AXIS}: {least}")
+        }
+    };
+    dropped.into_iter().map(|(position, why)| Dropped { position, reason: reason(why) }).collect()
+}
+
+/// The most frequent reason, the first of equal ones.
+fn most_frequent(dropped: &[Dropped]) -> Option<String> {
+    let counted = super::dropped_by_reason(dropped);
+    let most = counted.values().max().copied()?;
+    dropped.iter().map(|place| &place.reason).find(|reason| counted[reason.as_str()] == most).cloned()
 }
 
 /// The point of a pass from which the burr is on its way at waypoint i.

@@ -10,19 +10,24 @@ use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
 use super::ChannelFault;
+use super::armpath::WHAT_TO_CHANGE;
 use super::label_files::LabelFileFault;
 use super::mesh_tool::MeshToolError;
 use super::mount::MountFault;
 use bonemill_case::{Case, LabelRef};
 use bonemill_cutting::burr::ModelError;
 use bonemill_planfile::PlanFileError;
+use bonemill_robot::resolve::Meeting;
 
 /// Why there is no path that the shank can reach.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum Unreached {
     /// Nothing is left of it.
     #[error("the shank can reach no part of the target")]
-    Nothing,
+    Nothing {
+        /// What stands in the way most often, where that is known.
+        mostly: Option<String>,
+    },
     /// Some waypoints are still out of reach when the planner gives up.
     #[error(
         "after {rounds} rounds of leaving out what the shank cannot get to, {waypoints} waypoints are still out of its reach"
@@ -33,6 +38,16 @@ pub enum Unreached {
         /// After how many rounds of dropping.
         rounds: usize,
     },
+}
+
+impl Unreached {
+    /// What stands in the way most often, with what joins it to a sentence; empty where that is not known.
+    fn mostly(&self) -> String {
+        match self {
+            Self::Nothing { mostly: Some(mostly) } => format!(" ({mostly})"),
+            _ => String::new(),
+        }
+    }
 }
 
 /// Why a case cannot be planned.
@@ -206,6 +221,11 @@ pub enum PlanError {
         /// How large the base is, mm.
         base_mm: f64,
     },
+    /// The arm's base is in something.
+    #[error(
+        "the arm cannot stand where it does: {0}; move the base or the patient (robot.base_from_ct), or what stands there"
+    )]
+    BaseMeets(Meeting),
     /// No place can be searched for.
     #[error("where the arm may stand cannot be searched for: {reason}")]
     CannotStand {
@@ -233,8 +253,9 @@ pub enum PlanError {
     },
     /// The shank reaches no waypoint, or not all that are left.
     #[error(
-        "{why} within a tilt of {tilt_limit_deg:.0}° from the approach: see shank, approach.direction, \
-         orientation.tilt_limit_deg and where the arm stands (robot.base_from_ct)"
+        "{why} within a tilt of {tilt_limit_deg:.0}° from the approach{}: see shank, approach.direction, \
+         orientation.tilt_limit_deg, where the arm stands (robot.base_from_ct) and how it holds the handpiece (robot.flange_from_burr)",
+        .why.mostly()
     )]
     NoAccess {
         /// What it does not reach.
@@ -243,14 +264,16 @@ pub enum PlanError {
         tilt_limit_deg: f64,
     },
     /// The arm cannot reach a waypoint.
-    #[error("the arm cannot reach waypoint {waypoint}: {excess}; move it (robot.base_from_ct)")]
+    #[error("the arm cannot reach waypoint {waypoint}: {excess}; {}", .meets.then_some(WHAT_TO_CHANGE).unwrap_or("move it (robot.base_from_ct)"))]
     OutOfReach {
         /// The waypoint.
         waypoint: usize,
         /// The shaft's axis there, in work.
         axis: Unit<Vector3<f64>>,
-        /// Which joint, by how much.
+        /// Which joint, by how much; or which link meets what.
         excess: String,
+        /// Whether it is a link that meets something.
+        meets: bool,
     },
 }
 
@@ -267,6 +290,7 @@ impl PlanError {
                         | Self::TooFar { .. }
                         | Self::NoneReached { .. }
                         | Self::TooNear { .. }
+                        | Self::BaseMeets(_)
                         | Self::NoAccess { .. }
                         | Self::BadRegistration { .. }
                 )
@@ -299,6 +323,7 @@ impl PlanError {
             Self::OutOfReach { .. }
             | Self::TooFar { .. }
             | Self::NoneReached { .. }
+            | Self::BaseMeets(_)
             | Self::TooNear { .. } => "robot.base_from_ct",
             Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
             Self::Robot(

@@ -8,6 +8,7 @@ use bonemill_arm::{Arm, ArmKind};
 use bonemill_case::{Case, HeadSource, ObstacleFrame, ObstacleShape};
 use bonemill_geometry::{Base, Capsule, Ct, Grid, Point, Rigid, Tool, Volume};
 use bonemill_imaging::{ImageError, distance_only};
+use bonemill_robot::resolve::Meeting;
 use bonemill_robot::room::{Handpiece, Head, Obstacle, Room, Shape};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
@@ -60,6 +61,20 @@ pub fn seen_from(case: &Case, room: &Room, base_from_ct: &Rigid<Base, Ct>) -> Ro
     };
     let patient = room.obstacles().iter().filter_map(head);
     room.among(case.obstacles.iter().map(|o| placed(o, base_from_ct)).chain(patient).collect())
+}
+
+/// Refuses a place of the base at which it comes nearer to patient or obstacle than links may.
+///
+/// # Errors
+/// [`PlanError::BaseMeets`].
+pub fn judge_base(room: Option<&Room>) -> Result<(), PlanError> {
+    room.and_then(base_meets).map_or(Ok(()), |meeting| Err(PlanError::BaseMeets(meeting)))
+}
+
+/// What the base comes too near to.
+pub(crate) fn base_meets(room: &Room) -> Option<Meeting> {
+    let base = room.base();
+    (base.distance_mm < room.clearance_mm()).then(|| Meeting::of(room, base))
 }
 
 /// What the user should know of links that are not checked.

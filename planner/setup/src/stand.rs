@@ -3,11 +3,12 @@
 //! The base stands upright. Turning it about its own z axis shifts the first joint's angle and changes nothing else, so its x axis
 //! points at the target at every place, and three numbers remain. At each place of a grid over the patch the arm is led through
 //! the target's outermost points with the shaft straight, and at its centre through the tilts that the case allows, by the
-//! same search as a plan's path ([`bonemill_robot::resolve`]): one branch, joints within their ranges, links clear of the patient and
-//! of obstacles. Distances between these poses are not looked at; a plan from the place that is found does that.
+//! same search as a plan's path ([`bonemill_robot::resolve`]): one branch, joints within their ranges, base and links clear of the
+//! patient and of obstacles. Distances between these poses are not looked at; a plan from the place that is found does that.
 //!
 //! The best place is the one with the largest tolerance: how far the base may stand from it, in any direction of the patch, and still
-//! everything fits. It bounds limits, singularities and links in one unit, and it is what a trolley that is set down needs.
+//! everything fits. It says in one unit how far joint limits, reach and links in the way are, at the poses that were tried, and it is what
+//! a trolley that is set down needs. How near a singularity the arm comes is not judged.
 
 use std::collections::BTreeMap;
 
@@ -70,10 +71,30 @@ pub struct Tried {
     /// From the target's centre, in ct, mm.
     pub at_mm: Vector3<f64>,
     /// Why the arm does not fit there; `None` where it does.
-    pub fault: Option<String>,
+    pub fault: Option<Misfit>,
     /// Where it fits, how far from there the base may stand and it still fits, mm: up to the nearest place that does not, or that is
     /// beside the patch; nothing is known of places above and below it, and they do not count. 0 elsewhere.
     pub tolerance_mm: f64,
+}
+
+/// Why an arm does not fit at a place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Misfit {
+    /// In words without figures, so that equal ones can be counted.
+    pub why: String,
+    /// How much nearer to something a link comes than it may, mm, where that is why.
+    pub short_mm: Option<f64>,
+}
+
+/// How often an arm does not fit for one reason.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MisfitCount<'a> {
+    /// The reason.
+    pub why: &'a str,
+    /// Number of places.
+    pub count: usize,
+    /// The least of their [`Misfit::short_mm`].
+    pub least_short_mm: Option<f64>,
 }
 
 /// A patch and how the arm fits there.
@@ -106,15 +127,17 @@ impl Standing {
         self.places.iter().filter(|place| place.fault.is_none()).count()
     }
 
-    /// Why places do not fit, the most frequent reason first, each with their number.
-    pub fn faults(&self) -> Vec<(&str, usize)> {
-        let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
-        self.places
-            .iter()
-            .filter_map(|p| p.fault.as_deref())
-            .for_each(|f| *counted.entry(f).or_default() += 1);
-        let mut faults: Vec<_> = counted.into_iter().collect();
-        faults.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    /// Why places do not fit, the most frequent reason first.
+    pub fn faults(&self) -> Vec<MisfitCount<'_>> {
+        let mut counted: BTreeMap<&str, MisfitCount<'_>> = BTreeMap::new();
+        for Misfit { why, short_mm } in self.places.iter().filter_map(|place| place.fault.as_ref()) {
+            let entry =
+                counted.entry(why).or_insert(MisfitCount { why, count: 0, least_short_mm: *short_mm });
+            entry.count += 1;
+            entry.least_short_mm = entry.least_short_mm.zip(*short_mm).map(|(a, b)| a.min(b));
+        }
+        let mut faults: Vec<_> = counted.into_values().collect();
+        faults.sort_by_key(|fault| std::cmp::Reverse(fault.count));
         faults
     }
 }
@@ -230,9 +253,12 @@ fn poses(case: &Case, scene: &Scene, tilts: bool) -> Vec<CtPose> {
 }
 
 /// The least distance of the links along the poses, mm, and what is near, with the base at a place; or why the arm cannot follow them.
-fn follow(setup: &Setup, base_from_ct: &Rigid<Base, Ct>, path: &[CtPose]) -> Result<Links, String> {
+fn follow(setup: &Setup, base_from_ct: &Rigid<Base, Ct>, path: &[CtPose]) -> Result<Links, Misfit> {
     let Setup { case, arm, .. } = setup;
     let room: Option<Room> = setup.room.as_ref().map(|room| room::seen_from(case, room, base_from_ct));
+    if let Some(meeting) = room.as_ref().and_then(room::base_meets) {
+        return Err(why(arm, &ReachReason::Meets(meeting)));
+    }
     let in_base = |axis: &Unit<Vector3<f64>>| Unit::new_normalize(base_from_ct.rotate(axis));
     let pose = |(place, axis): &CtPose| AxisPose { position: *base_from_ct * *place, axis: in_base(axis) };
     let poses: Vec<AxisPose> = path.iter().map(pose).collect();
@@ -247,7 +273,7 @@ fn follow(setup: &Setup, base_from_ct: &Rigid<Base, Ct>, path: &[CtPose]) -> Res
         posture: case.robot.branch.map_or(Posture::Any, Posture::Of),
         room: room.as_ref(),
     };
-    let resolved = resolve(arm, &path).map_err(|error| error.to_string())?;
+    let resolved = resolve(arm, &path).map_err(|error| Misfit { why: error.to_string(), short_mm: None })?;
     let resolved = resolved.map_err(|failed| why(arm, &failed.reason))?;
     let least = room.and_then(|room| {
         let least = room.along(LinkMotion { q: &resolved.q })?;
@@ -256,9 +282,13 @@ fn follow(setup: &Setup, base_from_ct: &Rigid<Base, Ct>, path: &[CtPose]) -> Res
     Ok(least)
 }
 
-/// A reason without its figures, so that equal ones can be counted.
-fn why(arm: &Arm, reason: &ReachReason) -> String {
-    match reason {
+/// A reason, its figures apart.
+fn why(arm: &Arm, reason: &ReachReason) -> Misfit {
+    let short_mm = match reason {
+        ReachReason::Meets(meeting) => Some((meeting.clearance_mm - meeting.distance_mm).max(0.0)),
+        _ => None,
+    };
+    let why = match reason {
         ReachReason::Beyond { .. } => "out of reach".into(),
         ReachReason::Axis { .. } => "the arm cannot tilt so".into(),
         ReachReason::Limit(excess) => {
@@ -268,7 +298,8 @@ fn why(arm: &Arm, reason: &ReachReason) -> String {
         ReachReason::Meets(meeting) => format!("the arm's {} meets {}", meeting.link, meeting.other),
         ReachReason::Branch => "not on the branch that robot.branch asks for".into(),
         ReachReason::Jump => "the joints would have to jump".into(),
-    }
+    };
+    Misfit { why, short_mm }
 }
 
 /// For each place that fits, the distance to the nearest that does not, or that is outside the patch, mm.

@@ -160,7 +160,7 @@ fn fill(place: &Tried, most_mm: f64) -> String {
 fn told(place: &Tried) -> String {
     let at = place.at_mm;
     let said = match &place.fault {
-        Some(fault) => fault.replace('&', "&amp;").replace('<', "&lt;"),
+        Some(fault) => fault.why.replace('&', "&amp;").replace('<', "&lt;"),
         None => format!("fits, within {:.0} mm", place.tolerance_mm),
     };
     format!("{:.0}, {:.0}, {:.0} mm: {said}", at.x, at.y, at.z)

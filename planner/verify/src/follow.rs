@@ -179,7 +179,7 @@ fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
 }
 
 /// Hermite's cubic over a unit step, with the ends' values and slopes.
-fn cubic([p0, p1]: [f64; 2], [v0, v1]: [f64; 2], s: f64) -> f64 {
+pub(crate) fn cubic([p0, p1]: [f64; 2], [v0, v1]: [f64; 2], s: f64) -> f64 {
     let d = p1 - p0;
     p0 + s * (v0 + s * ((3.0 * d - 2.0 * v0 - v1) + s * (v0 + v1 - 2.0 * d)))
 }

@@ -49,6 +49,7 @@ mod rest;
 mod result;
 mod room;
 mod shaft;
+mod solid;
 mod target;
 pub mod uncertainty;
 mod voxels;
@@ -137,7 +138,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(follow::speeds(plan, &moves, &executed));
     checks.extend(links::links(plan, &executed)?);
     progress.stage("check links");
-    checks.extend(room::room(plan, &anatomy, &executed));
+    checks.extend(room::room(plan, &anatomy, &executed)?);
     let (anatomy, boxes, moves, executed) = (&anatomy, &boxes[..], &moves, &executed);
     let target = &TargetRule::new(anatomy, boxes);
     let evidence = Evidence { plan, anatomy, target, boxes, moves, executed };

@@ -1,38 +1,50 @@
 //! Checks the distance of the arm's links from the patient, from obstacles and from each other along the trajectory.
 //!
-//! Links are the capsules that the arm's data give; where they are follows from the DH table by products of matrices here. The
-//! trajectory is walked in steps on which no point of the arm moves more than [`STEP_MM`], and every capsule's axis is sampled
-//! each [`AXIS_MM`]: a distance that is found errs by at most half of both, to the high side. The patient is sampled on a lattice
-//! of [`LATTICE_MM`] from the CT by code of this module; distances from it err by a lattice cell's diagonal, which is allowed for.
-//! The base is held against other links only, the handpiece against all but the patient.
+//! Links are the capsules that the arm's data give; where they are follows from the DH table by products of matrices here. Between
+//! rows each joint follows the cubic with the rows' positions and velocities, and the way is walked in steps in which no point of the
+//! arm moves more than [`STEP_MM`]: between two stops a distance is lower by at most half of that, which is subtracted. The distance
+//! from an obstacle or a link is convex along a capsule's axis, and its least value is searched for. The patient is sampled on a
+//! lattice from the CT by code of this crate, each [`AXIS_MM`] of an axis; distances from it err by a lattice cell's diagonal, which
+//! is allowed for.
+//!
+//! A calibrated arm's links are placed by the nominal table, and what its flange and burr deviate from that along the trajectory is
+//! subtracted one and a half times. The base is held against the patient and against what reaches above its mounting plane, the
+//! handpiece against all but the patient.
 
 use bonemill_arm::ur::UrModel;
 use bonemill_arm::ur::links::{LINKS_AND_HANDPIECE, link_name, pairs_held_apart};
-use bonemill_case::{Case, HeadSource, ObstacleFrame, ObstacleShape};
+use bonemill_case::{Case, HeadSource};
 use bonemill_geometry::cancel;
-use bonemill_planfile::StoredPlan;
+use bonemill_planfile::{StoredPlan, Trajectory};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
+use super::VerifyError;
 use super::anatomy::Anatomy;
 use super::check::{Check, Place};
+use super::follow::cubic;
 use super::moves::Executed;
 use crate::head::Tissue;
+use crate::solid::{Solid, to_segment_mm};
 
-/// Largest motion of a point of the arm from one walked row to the next, mm.
-const STEP_MM: f64 = 2.0;
-/// Distance of samples on a capsule's axis, mm.
-const AXIS_MM: f64 = 4.0;
+/// Largest motion of a point of the arm from one stop to the next, mm.
+const STEP_MM: f64 = 0.5;
+/// Distance of samples on a capsule's axis from the patient, mm.
+const AXIS_MM: f64 = 2.0;
 /// Tolerance of a distance from obstacles and links, because the motion rounds corners, mm.
 const ROUNDED_MM: f64 = 0.5;
-/// The handpiece's place among the links.
+/// Thirds that are taken off an axis on which the least distance is searched for; of 1 m 5 µm are left.
+const SEARCHED: usize = 30;
+/// What reaches no higher above the mounting plane is not held against the base, mm.
+const MOUNTED_MM: f64 = 1.0;
+/// Deviations of a calibrated arm count so many times: its elbow may deviate more than its flange.
+const DEVIATIONS: f64 = 1.5;
+/// Places of base and handpiece among the links.
+const BASE: usize = 0;
 const HANDPIECE: usize = LINKS_AND_HANDPIECE - 1;
 
-/// A capsule in its link's frame: ends and radius, mm.
+/// A capsule: ends and radius, mm; in its link's frame, or placed in base.
 type Piece = (Vector3<f64>, Vector3<f64>, f64);
-
-/// A link's capsules with points along their axes, in base.
-type PlacedPiece = (Vec<Vector3<f64>>, f64);
 
 /// The links of a plan's arm.
 struct Links {
@@ -41,15 +53,33 @@ struct Links {
     pieces: Vec<Vec<Piece>>,
 }
 
+/// Joints at a place of the trajectory.
+struct Stop {
+    /// The row that they are at, or on the way to.
+    row: usize,
+    q: Vec<f64>,
+}
+
+/// A link, what it is near, by its number among links and, behind them, obstacles; and their distance, mm.
+#[derive(Debug, Clone, Copy)]
+struct Near {
+    mm: f64,
+    link: usize,
+    other: usize,
+}
+
 /// Checks a UR's links. None without a clearance in the case, and for arms whose links are not known.
-pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Check> {
+///
+/// # Errors
+/// [`VerifyError::Robot`] where a row is not a joint vector of the arm.
+pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Result<Vec<Check>, VerifyError> {
     let case = &plan.record.case;
     let (Some(clearance_mm), Some(model)) =
         (case.robot.room.link_clearance_mm, UrModel::by_name(&case.robot.model))
     else {
-        return vec![];
+        return Ok(vec![]);
     };
-    let links = Links::new(model, case);
+    let links = Links::new(model, handpiece(case, model.geometry().d6_mm));
     let base_from_ct = &plan.record.frames.base_from_ct;
     let base_from_ct = Isometry3::from_parts(
         Translation3::from(base_from_ct.translation_mm),
@@ -57,69 +87,105 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Vec<Ch
     );
     let solids: Vec<Solid> = case.obstacles.iter().map(|o| Solid::new(o, &base_from_ct)).collect();
     let pairs: Vec<_> = pairs_held_apart().collect();
-    let rows = walked(plan, links.longest_mm());
+    let stops = walked(&plan.trajectory, links.longest_mm());
+    let off_mm = if case.robot.calibration.is_some() { links.deviation_mm(plan, &stops)? } else { 0.0 };
+    let calibrated = if off_mm > 0.0 {
+        format!("; less {off_mm:.1} mm by which links of the calibrated arm may be elsewhere")
+    } else {
+        String::new()
+    };
     let at = |row: usize| Place::Instant {
         time_s: plan.trajectory.time_s[row],
         waypoint: executed.next[row] as usize,
     };
-    let least = |found: Vec<(f64, usize, String)>| found.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
     let mut checks = vec![];
-    let to_solids = rows.par_iter().map(|row| {
-        cancel::poll();
-        let placed = links.placed(plan.trajectory.q_at(*row));
-        let (mm, what) = among(&placed, &solids, &pairs);
-        (mm, *row, what)
-    });
-    if let Some((mm, row, what)) = least(to_solids.collect()) {
+    let among = least(&stops, |q| among(&links.placed(q), &solids, &pairs, off_mm));
+    if let Some((near, row)) = among {
         let limit = clearance_mm - ROUNDED_MM;
-        let check = Check::at_least("links to obstacles and each other", mm, limit, "mm").at(at(row));
-        checks.push(
-            check.noting(format!("{what}; walked in steps of {STEP_MM} mm, axes sampled each {AXIS_MM} mm")),
-        );
+        let name = |n: usize| match n.checked_sub(LINKS_AND_HANDPIECE) {
+            Some(solid) => solids[solid].name.clone(),
+            None => link_name(n).to_owned(),
+        };
+        let check =
+            Check::at_least("links to obstacles and each other", near.mm - 0.5 * STEP_MM, limit, "mm");
+        checks.push(check.at(at(row)).noting(format!(
+            "{} and {}; less half of the steps of {STEP_MM} mm{calibrated}",
+            name(near.link),
+            name(near.other)
+        )));
     }
     if case.robot.room.head == HeadSource::Scan
         && let Some(tissue) =
             Tissue::of(&anatomy.ct, case.robot.room.head_beyond_mm, &plan.record.frames.approach_direction)
     {
         let ct_from_base = base_from_ct.inverse();
-        let to_tissue = rows.par_iter().map(|row| {
-            cancel::poll();
-            let placed = links.placed(plan.trajectory.q_at(*row));
-            let (mm, what) = from_tissue(&placed, &tissue, &ct_from_base);
-            (mm, *row, what)
-        });
-        if let Some((mm, row, what)) = least(to_tissue.collect()) {
-            let limit = clearance_mm - tissue.error_mm();
-            let check = Check::at_least("links to the patient", mm, limit, "mm").at(at(row));
-            checks.push(
-                check.noting(format!(
-                    "{what}; distances from the scan err by up to {:.1} mm",
-                    tissue.error_mm()
-                )),
-            );
+        let to_tissue = least(&stops, |q| from_tissue(&links.placed(q), &tissue, &ct_from_base, off_mm));
+        if let Some((near, row)) = to_tissue {
+            let error_mm = tissue.error_mm();
+            let limit = clearance_mm - error_mm;
+            let check = Check::at_least("links to the patient", near.mm - 0.5 * STEP_MM, limit, "mm");
+            checks.push(check.at(at(row)).noting(format!(
+                "{}; distances from the scan err by up to {error_mm:.1} mm either way, and axes are sampled each {AXIS_MM} mm{calibrated}",
+                link_name(near.link)
+            )));
         }
     }
-    checks
+    Ok(checks)
 }
 
-/// Rows of the trajectory between which no point of the arm moves farther than [`STEP_MM`], with the first and the last.
-fn walked(plan: &StoredPlan, longest_mm: f64) -> Vec<usize> {
-    let q = |row: usize| plan.trajectory.q_at(row);
-    let moved =
-        |a: usize, b: usize| q(a).iter().zip(q(b)).map(|(a, b)| (a - b).abs()).sum::<f64>() * longest_mm;
-    let mut rows = vec![0];
-    for row in 1..plan.trajectory.len() {
-        let last = rows[rows.len() - 1];
-        if moved(last, row) > STEP_MM && row - 1 > last {
-            rows.push(row - 1);
+/// The least distance over all stops, the first of equal ones, and the row of its stop.
+fn least(stops: &[Stop], near: impl Fn(&[f64]) -> Option<Near> + Sync) -> Option<(Near, usize)> {
+    let found: Vec<Option<(Near, usize)>> = stops
+        .par_iter()
+        .map(|stop| {
+            cancel::poll();
+            Some((near(&stop.q)?, stop.row))
+        })
+        .collect();
+    found.into_iter().flatten().min_by(|a, b| a.0.mm.total_cmp(&b.0.mm))
+}
+
+/// Joints along the trajectory, the first and the last row's included: no point of the arm moves farther than [`STEP_MM`] between
+/// two of them.
+///
+/// On the cubic from row to row a joint is nowhere faster than the largest of |v₀|, |3 d − v₀ − v₁| and |v₁|, in units of the step:
+/// these are the control points of its speed.
+fn walked(rows: &Trajectory, longest_mm: f64) -> Vec<Stop> {
+    let at_row = |row: usize| Stop { row, q: rows.q_at(row).to_vec() };
+    let mut stops = vec![at_row(0)];
+    let mut since_mm = 0.0;
+    for row in 1..rows.len() {
+        let span_s = rows.time_s[row] - rows.time_s[row - 1];
+        let (from, to) = (rows.q_at(row - 1), rows.q_at(row));
+        let speeds = |j: usize| [row - 1, row].map(|row| rows.qd_at(row)[j] * span_s);
+        let fastest = |j: usize| {
+            let [before, after] = speeds(j);
+            before.abs().max(after.abs()).max((3.0 * (to[j] - from[j]) - before - after).abs())
+        };
+        let moved_mm = (0..from.len()).map(fastest).sum::<f64>() * longest_mm;
+        if since_mm > 0.0 && since_mm + moved_mm > STEP_MM {
+            stops.push(at_row(row - 1));
+            since_mm = 0.0;
+        }
+        if moved_mm > STEP_MM {
+            let pieces = (moved_mm / STEP_MM).ceil();
+            stops.extend((1..pieces as usize).map(|n| {
+                let joint = |j: usize| cubic([from[j], to[j]], speeds(j), n as f64 / pieces);
+                Stop { row, q: (0..from.len()).map(joint).collect() }
+            }));
+            stops.push(at_row(row));
+        } else {
+            since_mm += moved_mm;
         }
     }
-    rows.push(plan.trajectory.len() - 1);
-    rows
+    if since_mm > 0.0 {
+        stops.push(at_row(rows.len() - 1));
+    }
+    stops
 }
 
 impl Links {
-    fn new(model: UrModel, case: &Case) -> Self {
+    fn new(model: UrModel, handpiece: Vec<Piece>) -> Self {
         use std::f64::consts::FRAC_PI_2;
         let g = model.geometry();
         let dh = [
@@ -135,7 +201,7 @@ impl Links {
             .iter()
             .map(|link| link.iter().map(|c| (c.from.coords, c.to.coords, c.radius_mm)).collect())
             .collect();
-        pieces.push(handpiece(case, g.d6_mm));
+        pieces.push(handpiece);
         Self { dh, pieces }
     }
 
@@ -146,9 +212,9 @@ impl Links {
         chain + self.pieces.iter().flatten().map(out).fold(0.0, f64::max)
     }
 
-    /// Links in base with samples on their axes. A link's frame is that of its joint after the rotation, before the row's own
-    /// offsets.
-    fn placed(&self, q: &[f64]) -> Vec<Vec<PlacedPiece>> {
+    /// The frames of the links, base first, and of the flange. A link's frame is that of its joint after the rotation, before the
+    /// row's own offsets.
+    fn frames(&self, q: &[f64]) -> Vec<Isometry3<f64>> {
         let mut frame = Isometry3::identity();
         let mut frames = vec![frame];
         for ([a, d, alpha], q) in self.dh.iter().zip(q) {
@@ -159,19 +225,34 @@ impl Links {
                 UnitQuaternion::from_axis_angle(&Vector3::x_axis(), *alpha),
             );
         }
+        frames.push(frame);
+        frames
+    }
+
+    /// Links in base; the handpiece moves with the last.
+    fn placed(&self, q: &[f64]) -> Vec<Vec<Piece>> {
+        let frames = self.frames(q);
         let placed = |(link, pieces): (usize, &Vec<Piece>)| {
-            let frame = frames[link.min(frames.len() - 1)];
-            let sampled = |(from, to, radius_mm): &Piece| {
-                let steps = ((to - from).norm() / AXIS_MM).ceil().max(1.0) as usize;
-                let point = |n: usize| {
-                    let p = from + (to - from) * (n as f64 / steps as f64);
-                    frame.transform_point(&p.into()).coords
-                };
-                ((0..=steps).map(point).collect(), *radius_mm)
-            };
-            pieces.iter().map(sampled).collect()
+            let frame = frames[link.min(HANDPIECE - 1)];
+            let at = |p: &Vector3<f64>| frame.transform_point(&(*p).into()).coords;
+            pieces.iter().map(|(from, to, radius_mm)| (at(from), at(to), *radius_mm)).collect()
         };
         self.pieces.iter().enumerate().map(placed).collect()
+    }
+
+    /// By how much links of a calibrated arm may be elsewhere than the table says, mm.
+    fn deviation_mm(&self, plan: &StoredPlan, stops: &[Stop]) -> Result<f64, VerifyError> {
+        let burr = plan.record.frames.flange_from_burr.0;
+        let mut most_mm = 0f64;
+        for Stop { q, .. } in stops {
+            let Some(flange) = self.frames(q).last().copied() else { continue };
+            let there = [plan.arm.forward(q)?.translation_mm, plan.arm.burr(q)?.translation_mm];
+            let here =
+                [Vector3::zeros(), Vector3::from(burr)].map(|p| flange.transform_point(&p.into()).coords);
+            most_mm =
+                there.iter().zip(here).map(|(there, here)| (there - here).norm()).fold(most_mm, f64::max);
+        }
+        Ok(DEVIATIONS * most_mm)
     }
 }
 
@@ -191,105 +272,76 @@ fn handpiece(case: &Case, d6_mm: f64) -> Vec<Piece> {
     vec![(front, back, last.radius_mm), (back, flange, last.radius_mm)]
 }
 
-/// The least distance of samples of one link from the sampled axes of another, mm.
-fn apart_mm(a: &[PlacedPiece], b: &[PlacedPiece]) -> f64 {
-    let mut least = f64::INFINITY;
-    for (points, radius_mm) in a {
-        for (others, other_mm) in b {
-            let (Some(from), Some(to)) = (others.first(), others.last()) else { continue };
-            let along = to - from;
-            for p in points {
-                let share = ((p - from).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-                least = least.min((p - from - along * share).norm() - radius_mm - other_mm);
-            }
-        }
-    }
-    least
+/// What a deviation of the moving links takes off a distance of one of them, mm.
+fn allowance_mm(link: usize, off_mm: f64) -> f64 {
+    if link == BASE { 0.0 } else { off_mm }
 }
 
-/// The least distance of links from obstacles and from each other, mm, and of what.
-fn among(placed: &[Vec<PlacedPiece>], solids: &[Solid], pairs: &[(usize, usize)]) -> (f64, String) {
-    let name = link_name;
-    let mut least = (f64::INFINITY, None);
-    for (link, pieces) in placed.iter().enumerate().skip(1) {
-        for (n, solid) in solids.iter().enumerate() {
-            for (points, radius_mm) in pieces {
-                let mm =
-                    points.iter().map(|p| solid.distance_mm(p)).fold(f64::INFINITY, f64::min) - radius_mm;
-                if mm < least.0 {
-                    least = (mm, Some((link, Err(n))));
-                }
+/// The least distance along an axis, mm, or `least_mm` where it is not below that. A distance is convex along a line, and falls by at most the way.
+fn lowered(
+    least_mm: f64,
+    (from, to): (&Vector3<f64>, &Vector3<f64>),
+    distance_mm: impl Fn(&Vector3<f64>) -> f64,
+) -> f64 {
+    let at = |share: f64| distance_mm(&from.lerp(to, share));
+    if at(0.5) - 0.5 * (to - from).norm() >= least_mm {
+        return least_mm;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..SEARCHED {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if at(a) <= at(b) { high = b } else { low = a }
+    }
+    [0.0, 0.5 * (low + high), 1.0].map(at).into_iter().fold(least_mm, f64::min)
+}
+
+/// The least distance of links from obstacles and from each other.
+fn among(placed: &[Vec<Piece>], solids: &[Solid], pairs: &[(usize, usize)], off_mm: f64) -> Option<Near> {
+    let mut near: Option<Near> = None;
+    let mut take = |link: usize, other: usize, less_mm: f64, distance_mm: &dyn Fn(&Vector3<f64>) -> f64| {
+        for (from, to, radius_mm) in &placed[link] {
+            let before = near.map_or(f64::INFINITY, |near| near.mm);
+            let mm = lowered(before, (from, to), |p| distance_mm(p) - radius_mm - less_mm);
+            if mm < before {
+                near = Some(Near { mm, link, other });
             }
         }
-    }
-    for (i, k) in pairs {
-        let mm = apart_mm(&placed[*k], &placed[*i]);
-        if mm < least.0 {
-            least = (mm, Some((*k, Ok(*i))));
-        }
-    }
-    let what = match least.1 {
-        None => "nothing to keep away from".into(),
-        Some((link, Ok(other))) => format!("{} and {}", name(link), name(other)),
-        Some((link, Err(n))) => format!("{} and {}", name(link), solids[n].name),
     };
-    (least.0, what)
-}
-
-/// The least distance of links from the patient, mm, and which.
-fn from_tissue(placed: &[Vec<PlacedPiece>], tissue: &Tissue, ct_from_base: &Isometry3<f64>) -> (f64, String) {
-    let mut least = (f64::INFINITY, 0);
-    for (link, pieces) in placed.iter().enumerate().take(HANDPIECE).skip(1) {
-        for (points, radius_mm) in pieces {
-            let far =
-                points.iter().map(|p| tissue.distance_mm(&ct_from_base.transform_point(&(*p).into()).coords));
-            let mm = far.fold(f64::INFINITY, f64::min) - radius_mm;
-            if mm < least.0 {
-                least = (mm, link);
-            }
+    for (i, k) in pairs {
+        let less_mm = allowance_mm(*i, off_mm) + allowance_mm(*k, off_mm);
+        for (from, to, radius_mm) in &placed[*i] {
+            take(*k, *i, less_mm, &|p| to_segment_mm(p, from, to) - radius_mm);
         }
     }
-    (least.0, link_name(least.1).to_owned())
+    for link in BASE..placed.len() {
+        let held =
+            solids.iter().enumerate().filter(|(_, solid)| link != BASE || solid.highest_mm > MOUNTED_MM);
+        for (n, solid) in held {
+            take(link, LINKS_AND_HANDPIECE + n, allowance_mm(link, off_mm), &|p| solid.distance_mm(p));
+        }
+    }
+    near
 }
 
-/// An obstacle of the case.
-struct Solid {
-    name: String,
-    own_from_base: Isometry3<f64>,
-    shape: ObstacleShape,
-}
-
-impl Solid {
-    fn new(obstacle: &bonemill_case::Obstacle, base_from_ct: &Isometry3<f64>) -> Self {
-        let own_from_base = match obstacle.frame {
-            ObstacleFrame::Base => Isometry3::identity(),
-            ObstacleFrame::Ct => base_from_ct.inverse(),
+/// The least distance of links from the patient, mm.
+fn from_tissue(
+    placed: &[Vec<Piece>],
+    tissue: &Tissue,
+    ct_from_base: &Isometry3<f64>,
+    off_mm: f64,
+) -> Option<Near> {
+    let of_link = |link: usize| {
+        let of_piece = |(from, to, radius_mm): &Piece| {
+            let steps = ((to - from).norm() / AXIS_MM).ceil().max(1.0) as usize;
+            let points = (0..=steps).map(|n| from.lerp(to, n as f64 / steps as f64));
+            let far = points.map(|p| tissue.distance_mm(&ct_from_base.transform_point(&p.into()).coords));
+            far.fold(f64::INFINITY, f64::min) - radius_mm
         };
-        Self { name: obstacle.name.clone(), own_from_base, shape: obstacle.shape }
-    }
-
-    /// Distance of a point in base from the surface, mm; negative inside.
-    fn distance_mm(&self, p: &Vector3<f64>) -> f64 {
-        let p = self.own_from_base.transform_point(&(*p).into()).coords;
-        match &self.shape {
-            ObstacleShape::Box { min_mm, max_mm } => {
-                let past = (min_mm - p).sup(&(p - max_mm));
-                let outside = past.map(|mm| mm.max(0.0)).norm();
-                if outside > 0.0 { outside } else { past.max() }
-            }
-            ObstacleShape::Ball { center_mm, radius_mm } => (p - center_mm).norm() - radius_mm,
-            ObstacleShape::Capsule { from_mm, to_mm, radius_mm } => {
-                let along = to_mm - from_mm;
-                let share = ((p - from_mm).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-                (p - from_mm - along * share).norm() - radius_mm
-            }
-            ObstacleShape::Cylinder { from_mm, to_mm, radius_mm } => {
-                let axis = (to_mm - from_mm).normalize();
-                let (up, length) = ((p - from_mm).dot(&axis), (to_mm - from_mm).norm());
-                let across = (p - from_mm - axis * up).norm() - radius_mm;
-                let over = (-up).max(up - length);
-                if across > 0.0 && over > 0.0 { across.hypot(over) } else { across.max(over) }
-            }
-        }
-    }
+        let mm = placed[link].iter().map(of_piece).fold(f64::INFINITY, f64::min);
+        Near { mm: mm - allowance_mm(link, off_mm), link, other: link }
+    };
+    (BASE..HANDPIECE).map(of_link).min_by(|a, b| a.mm.total_cmp(&b.mm))
 }
+
+#[cfg(test)]
+mod tests;

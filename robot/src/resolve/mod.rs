@@ -152,7 +152,8 @@ impl std::fmt::Display for Meeting {
         } else {
             write!(f, "the arm's {link} comes within {distance_mm:.1} mm of {other}")?;
         }
-        write!(f, " (robot.link_clearance_mm = {clearance_mm})")
+        let more = if distance_mm < clearance_mm { "" } else { "; postures keep a little more" };
+        write!(f, " (robot.link_clearance_mm = {clearance_mm}{more})")
     }
 }
 

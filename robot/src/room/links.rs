@@ -11,6 +11,8 @@ use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 
 /// Links: the base, those of the six joints, and the handpiece, which moves with the last.
 pub const LINKS: usize = LINKS_AND_HANDPIECE;
+/// The base's place among the links.
+pub const BASE: usize = 0;
 /// The handpiece's place among the links.
 pub const HANDPIECE: usize = LINKS - 1;
 

@@ -3,10 +3,8 @@
 use rayon::prelude::*;
 
 use super::links::Joints;
-use super::{LINKS, Nearest, Room};
+use super::{BASE, CAP_MM, LINKS, Nearest, Room};
 
-/// Distances beyond this are not told apart, mm.
-const CAP_MM: f64 = 200.0;
 /// A move is halved until its bound is this near to the least distance at a place, mm, or until it is too short to matter.
 const SHORT_MM: f64 = 0.5;
 /// Halvings of a move at most.
@@ -32,7 +30,7 @@ pub struct LinkMotion<'a> {
 }
 
 impl Room {
-    /// The least distance along a joint path; `None` without a place.
+    /// The least distance along a joint path, the base's included; `None` without a place.
     pub fn along(&self, motion: LinkMotion<'_>) -> Option<Least> {
         let places: Vec<Joints> =
             motion.q.chunks_exact(6).map(|q| std::array::from_fn(|joint| q[joint])).collect();
@@ -69,7 +67,7 @@ impl Room {
             let distance_mm = nearer.distance_mm.min(0.5 * (a.distance_mm + b.distance_mm - moved_mm));
             (Nearest { distance_mm, ..nearer }, moved_mm)
         };
-        let bounds = (1..LINKS).map(bound);
+        let bounds = (BASE + 1..LINKS).map(bound);
         let worst = bounds.min_by(|a, b| a.0.distance_mm.total_cmp(&b.0.distance_mm));
         let Some((nearest, moved_mm)) = worst else { return nearest_of(to.1) };
         if nearest.distance_mm >= enough_mm || moved_mm < SHORT_MM || halvings == 0 {
@@ -85,10 +83,11 @@ impl Room {
     fn by_link(&self, q: &Joints) -> ByLink {
         let placed = self.links.place(q);
         std::array::from_fn(|link| {
-            let mut least = Nearest { distance_mm: CAP_MM, link, other: None };
-            if link > 0 {
-                self.of_link(&placed, link, f64::NEG_INFINITY, &mut least);
+            if link == BASE {
+                return *self.base();
             }
+            let mut least = Nearest { distance_mm: CAP_MM, link, other: None };
+            self.of_link(&placed, link, f64::NEG_INFINITY, &mut least);
             least
         })
     }

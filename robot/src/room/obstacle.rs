@@ -9,6 +9,9 @@ use nalgebra::Vector3;
 
 use super::head::Head;
 
+/// What reaches no higher above the mounting plane counts as below it, mm.
+const MOUNT_MM: f64 = 1.0;
+
 /// A shape, in base.
 #[derive(Debug, Clone)]
 pub enum Shape {
@@ -73,6 +76,24 @@ impl Obstacle {
     /// Whether its distance is convex: on a line it falls and then rises.
     pub(super) fn is_convex(&self) -> bool {
         !matches!(self.shape, Shape::Head(_))
+    }
+
+    /// Whether it reaches above the mounting plane of the arm's base, z = 0 in base; the patient always counts.
+    pub(super) fn is_above_mount(&self) -> bool {
+        let highest_mm = match &self.shape {
+            Shape::Box { box_from_base, half_mm } => {
+                let base_from_box = box_from_base.inverse();
+                base_from_box.translation_mm.z
+                    + base_from_box.rotation.matrix().row(2).abs().dot(&half_mm.transpose())
+            }
+            Shape::Cylinder { from, to, radius_mm } => {
+                let along = (*to - *from).normalize();
+                from.z().max(to.z()) + radius_mm * along.x.hypot(along.y)
+            }
+            Shape::Capsule(c) => c.from.z().max(c.to.z()) + c.radius_mm,
+            Shape::Head(_) => f64::INFINITY,
+        };
+        highest_mm > MOUNT_MM
     }
 
     /// Whether the tool's handpiece may not touch it either: everything but the patient, whom the access test of the shank is

@@ -5,8 +5,8 @@ use crate::resolve::{PosePath, Posture, ReachReason, RollFrame, resolve};
 use bonemill_arm::ToolMount;
 use bonemill_arm::arm::AxisPose;
 use bonemill_arm::ur::UrModel;
-use bonemill_geometry::{Capsule, Rigid};
-use nalgebra::{Rotation3, Vector3};
+use bonemill_geometry::{Capsule, Ct, Grid, Rigid, Volume};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::PI;
 
 /// Numbers in 0..1, the same each time.
@@ -161,6 +161,72 @@ fn a_folded_arm_meets_itself() {
     let folded = [0.0, -1.2, 3.05, 0.0, 1.5, 0.0];
     let nearest = room.nearest(&folded, [10.0; 2]).unwrap();
     assert!(matches!(nearest.other, Some(Other::Link(_))), "{nearest:?}");
+}
+
+#[test]
+fn the_base_is_held_against_the_patient_and_what_reaches_above_its_plane() {
+    let with = |obstacles| Room::new(&arm(), &handpiece(), obstacles, 10.0).unwrap();
+    let table = |top_mm: f64, aside_mm: f64| {
+        let middle = Vector3::new(aside_mm, 0.0, 0.5 * (top_mm - 60.0));
+        let box_from_base = Rigid::<Base, Base>::new(Rotation3::identity(), -middle);
+        let half_mm = Vector3::new(300.0, 300.0, 0.5 * (top_mm + 60.0));
+        obstacle("table", Shape::Box { box_from_base, half_mm })
+    };
+    // it stands on one, and is in the other
+    assert_eq!(with(vec![table(0.5, 0.0)]).base().other, None);
+    let inside = with(vec![table(0.5, 0.0), table(30.0, 0.0)]);
+    let Nearest { distance_mm, link, other } = *inside.base();
+    assert!(distance_mm < -20.0 && link == BASE && other == Some(Other::Obstacle(1)), "{distance_mm}");
+    // beside it, the distance is that of the base's widest place; a path is no farther
+    let beside = with(vec![table(30.0, 420.0)]);
+    assert!((20.0..60.0).contains(&beside.base().distance_mm), "{:?}", beside.base());
+    let up = [0.0, -PI / 2.0, 0.0, -PI / 2.0, 0.0, 0.0];
+    let least = beside.along(LinkMotion { q: &up }).unwrap().nearest;
+    assert_eq!((least.link, least.distance_mm), (BASE, beside.base().distance_mm));
+    // the base of a room for another place is found anew
+    assert_eq!(inside.among(vec![]).base().other, None);
+    for (shape, is_above) in [
+        (
+            Shape::Cylinder {
+                from: Point::new(0.0, 0.0, -90.0),
+                to: Point::new(0.0, 0.0, 0.0),
+                radius_mm: 90.0,
+            },
+            false,
+        ),
+        (
+            Shape::Cylinder {
+                from: Point::new(-90.0, 0.0, -60.0),
+                to: Point::new(90.0, 0.0, -60.0),
+                radius_mm: 70.0,
+            },
+            true,
+        ),
+        (
+            Shape::Capsule(Capsule {
+                from: Point::new(0.0, 0.0, -90.0),
+                to: Point::new(0.0, 0.0, -50.0),
+                radius_mm: 50.0,
+            }),
+            false,
+        ),
+        (
+            Shape::Capsule(Capsule {
+                from: Point::new(0.0, 0.0, -90.0),
+                to: Point::new(0.0, 0.0, -40.0),
+                radius_mm: 50.0,
+            }),
+            true,
+        ),
+    ] {
+        assert_eq!(with(vec![obstacle("thing", shape)]).base().other.is_some(), is_above);
+    }
+    // a patient around the base
+    let grid =
+        Grid::<Ct>::new([8; 3], Vector3::repeat(30.0), Matrix3::identity(), Vector3::repeat(-120.0)).unwrap();
+    let field = Volume::new(grid.clone(), vec![0.0; grid.len()]).unwrap();
+    let patient = Shape::Head(Head::new(field, &Rigid::identity()));
+    assert!(with(vec![obstacle("patient", patient)]).base().distance_mm < 0.0);
 }
 
 /// A line of poses with the shaft upright before the arm.

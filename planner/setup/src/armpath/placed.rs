@@ -8,7 +8,7 @@ use bonemill_arm::Arm;
 use bonemill_arm::arm::AxisPose;
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_robot::resolve::{
-    DensePath, OutOfReach, PosePath, Posture, Resolved, RollFrame, Stiffness, resolve,
+    DensePath, Meeting, OutOfReach, PosePath, Posture, ReachReason, Resolved, RollFrame, Stiffness, resolve,
 };
 use bonemill_robot::room::Room;
 use nalgebra::{Unit, Vector3};
@@ -49,6 +49,25 @@ impl<'a> Placed<'a> {
         RollFrame::about(&Unit::new_normalize(self.base_from_work.rotate(&Vector3::z())))
     }
 
+    /// The link that keeps the arm from taking a pose, and what it meets; `None` where it can take the pose, or something else is why.
+    pub fn meets(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> Option<Meeting> {
+        let room = Some(self.room?);
+        let poses = [self.pose(position, axis)];
+        let frame = self.frame();
+        let path = PosePath {
+            poses: &poses,
+            length_mm: &[0.0],
+            frame,
+            stiffness: None,
+            posture: self.posture,
+            room,
+        };
+        match resolve(self.arm, &path) {
+            Ok(Err(OutOfReach { reason: ReachReason::Meets(meeting), .. })) => Some(meeting),
+            _ => None,
+        }
+    }
+
     /// Joint positions along points and axes in work.
     ///
     /// `stiffness`: of the joints, and the directions in work in which the arm should yield little; `None` ignores stiffness.
@@ -82,6 +101,7 @@ impl<'a> Placed<'a> {
             waypoint: failed.pose,
             axis: axes[failed.pose],
             excess: failed.reason.to_string(),
+            meets: matches!(failed.reason, ReachReason::Meets(_)),
         };
         let resolved = resolve(self.arm, &path)?.map_err(out_of_reach)?;
         let dense = DensePath::lay(self.arm, &path, &resolved).map_err(out_of_reach)?;
