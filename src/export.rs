@@ -8,15 +8,18 @@ use bonemill_planner::case::Spindle;
 use bonemill_planner::path::MoveKind;
 use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::{HoldPoint, Need, StoredPlan, hold_points, is_prosthesis, least_gaps, verified};
+use bonemill_planner::room::obstacles;
 use bonemill_planner::slicer::export;
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
 use bonemill_planner::{Progress, stages};
 use bonemill_prosthesis::JobRecord;
 use bonemill_robot::export::{
     Between, ExportRows, Gcode, GcodeMove, JointMove, ScriptHold, ScriptNotes, Tolerance, UrScript,
-    is_cartesian, straight_blocks, write_gcode, write_ros_json, write_ros_yaml, write_urscript,
+    is_cartesian, planning_scene, straight_blocks, write_gcode, write_ros_json, write_ros_yaml,
+    write_urscript,
 };
 use bonemill_robot::stream::Settings;
+use bonemill_robot::ur::UrModel;
 use bonemill_robot::{ArmKind, JointKind};
 
 use crate::args::{ExportArgs, ExportFormat};
@@ -168,12 +171,15 @@ fn files(
             let (mut json, mut yaml) = (Vec::new(), Vec::new());
             write_ros_json(&mut json, &rows)?;
             write_ros_yaml(&mut yaml, &rows, &notes)?;
-            vec![("trajectory.json", json), ("trajectory.yaml", yaml)]
+            let mut files = vec![("trajectory.json", json), ("trajectory.yaml", yaml)];
+            files.extend(scene(plan).map(|text| ("scene.json", text.into_bytes())));
+            files
         }
         ExportFormat::Urscript => {
             ensure!(
                 plan.arm.kind() == ArmKind::Ur,
-                "the plan is for robot.model = \"{model}\"; URScript runs on ur3e, ur5e and ur10e only"
+                "the plan is for robot.model = \"{model}\"; URScript runs on {} only",
+                UrModel::names()
             );
             let rows = rows(plan, args.rate_hz, SCRIPT_RATE_HZ, &[Between::Straight])?;
             let mount =
@@ -200,6 +206,15 @@ fn files(
             vec![("ngc", gcode(plan, args.rapid, &notes)?)]
         }
     })
+}
+
+/// The obstacles of a case for a planner of ROS; none without obstacles.
+fn scene(plan: &StoredPlan) -> Option<String> {
+    let obstacles = obstacles(&plan.record.case, &plan.record.frames.base_from_ct);
+    // ROS' descriptions of URs call the controller's base so; their base_link is turned
+    let frame = if plan.arm.kind() == ArmKind::Ur { "base" } else { "base_link" };
+    let name = "bonemill: the obstacles of the case, without the patient";
+    (!obstacles.is_empty()).then(|| planning_scene(&obstacles, frame, name))
 }
 
 /// How far beside its path the burr is by servoj's lag alone, in words.

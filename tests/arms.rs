@@ -199,7 +199,7 @@ fn a_ur_s_elbow_stays_above_its_mounting_plane() {
         place.refuses(&[&place.line_of("branch = "), "robot.branch", says]);
     }
     let place = with_robot("branch = 2");
-    place.refuses(&["robot.branch", "ur3e, ur5e or ur10e"]);
+    place.refuses(&["robot.branch", "ur3e, ur5e, ur10e"]);
 }
 
 /// An arm with seven joints whose wrist bends by at most 57°, so it cannot take all directions within 60° of the vertical.
@@ -297,7 +297,7 @@ fn a_calibration_is_used_and_a_wrong_one_refused() {
         place.refuses(&[&place.line_of("arm.yaml"), "arm.yaml", why]);
     }
     let place = with_robot("calibration = \"arm.yaml\"");
-    place.refuses(&["robot.calibration", "ur3e, ur5e or ur10e"]);
+    place.refuses(&["robot.calibration", "ur3e, ur5e, ur10e"]);
 }
 
 #[test]

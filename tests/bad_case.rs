@@ -135,7 +135,7 @@ fn a_shank_thicker_than_the_burr_is_refused() {
 #[test]
 fn what_this_version_does_not_have_is_refused_by_line() {
     let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 100\nmodel = \"puma\"");
-    let arms = "expected `bone-attached` or `ur3e` or `ur5e` or `ur10e`, or the path of a .urdf file";
+    let arms = "expected `bone-attached` or `ur3e` or `ur5e` or `ur10e` or `ur16e` or `ur20` or `ur30`, or the path of a .urdf file";
     place.refuses(&[&place.line_of("puma"), "`robot.model` = \"puma\"", arms]);
     let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 100\nmodel = \"UR5\"");
     place.refuses(&[&place.line_of("UR5"), "`robot.model` = \"UR5\"", arms, "did you mean `ur5e`?"]);

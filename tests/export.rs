@@ -282,9 +282,34 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     assert_eq!(ends(&text), ends(&rapid));
     place
         .run(&["export", "plan", "--unverified", "--format", "urscript"])
-        .refused(&["bone-attached", "ur3e, ur5e and ur10e"]);
+        .refused(&["bone-attached", "ur3e, ur5e, ur10e"]);
     // with the other sense of rotation
     let place = Place::healthy().with_case("spin = -1", "spin = 1");
     planned(&place);
     assert!(exported(&place, &["--format", "gcode"], "plan.unverified.ngc").contains(" M4\n"));
+}
+
+#[test]
+fn obstacles_are_a_planning_scene_for_ros() {
+    let place = Place::healthy().with_case("rate_hz = 100", UR);
+    let text = fs::read_to_string(place.path("case.toml")).unwrap();
+    let lamp = "[[obstacle]]\nname = \"lamp\"\nframe = \"ct\"\nbox = { min_mm = [-900, -60, 600], max_mm = [-700, 60, 900] }\n";
+    fs::write(place.path("case.toml"), format!("{text}\n{lamp}")).unwrap();
+    let plan = planned(&place);
+    let json = exported(&place, &["--format", "ros"], "plan.unverified.scene.json");
+    let read: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let object = &read["world"]["collision_objects"][0];
+    assert!(read["is_diff"] == true && object["id"] == "lamp" && object["header"]["frame_id"] == "base");
+    assert_eq!(object["primitives"][0], serde_json::json!({ "type": 1, "dimensions": [0.2, 0.12, 0.3] }));
+    let pose = &object["primitive_poses"][0];
+    let at = ["x", "y", "z"].map(|k| pose["position"][k].as_f64().unwrap() * 1e3);
+    let turn = ["w", "x", "y", "z"].map(|k| pose["orientation"][k].as_f64().unwrap());
+    let turn = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
+        turn[0], turn[1], turn[2], turn[3],
+    ));
+    let base_from_ct = plan.record.frames.base_from_ct;
+    // a corner of the box, there and here
+    let corner = nalgebra::Vector3::from(at) + turn * nalgebra::Vector3::new(100.0, 60.0, 150.0);
+    let there = base_from_ct * bonemill_geometry::Point::new(-700.0, 60.0, 900.0);
+    assert!((corner - there.coords).norm() < 1e-5, "{corner} {there:?}");
 }

@@ -167,7 +167,10 @@ fn what_an_arm_among_obstacles_does_not_reach_is_told_with_link_and_distance() {
     assert!(ran.code == 1 && ran.err.contains(why), "{}", ran.err);
     let dropped = fs::read_to_string(place.path("plan/dropped.csv")).unwrap();
     let reasons: BTreeSet<_> = dropped.lines().skip(1).map(|line| &line[line.find('"').unwrap()..]).collect();
-    assert!(reasons.iter().any(|reason| reason.contains(why) && reason.contains(" mm of post")), "{reasons:?}");
+    assert!(
+        reasons.iter().any(|reason| reason.contains(why) && reason.contains(" mm of post")),
+        "{reasons:?}"
+    );
     assert!(reasons.len() <= 3, "one reason for all places of a kind: {reasons:?}");
     // a post that lets it come down nowhere
     let place = beside(&block([2.0, -300.0, -12.0], [60.0, 300.0, 8.0]));

@@ -57,6 +57,44 @@ fn a_plan_from_the_place_that_is_found_reaches_everything() {
 }
 
 #[test]
+fn a_place_inside_a_cabinet_is_none() {
+    let place = Place::healthy().with_case("rate_hz = 100", ARM);
+    let text = fs::read_to_string(place.path("case.toml")).unwrap();
+    let cabinet = "[[obstacle]]\nname = \"cabinet\"\nframe = \"ct\"\nbox = { min_mm = [-900, -500, -900], max_mm = [-620, 500, 0] }\n";
+    fs::write(place.path("case.toml"), format!("{text}\n{cabinet}")).unwrap();
+    let ran = stand(&place, &["300", "-200", "--step-mm", "200", "--json"]);
+    let object: Value = serde_json::from_str(&ran.out).unwrap();
+    let figures = &object["figures"];
+    // the places 700 mm before the target
+    assert_eq!(figures["faults"]["the arm's base meets cabinet"], 4, "{figures}");
+    assert!(figures["best"]["from_target_mm"][0].as_f64().unwrap() > -620.0, "{figures}");
+    // where there is no other place, the figures and what to do are told
+    let only = [
+        "stand",
+        "case.toml",
+        "--up",
+        "0",
+        "0",
+        "1",
+        "--from-mm",
+        "-700",
+        "0",
+        "-200",
+        "--to-mm",
+        "-700",
+        "0",
+        "-200",
+    ];
+    let ran = place.run(&only);
+    let told = [
+        "the arm's base meets cabinet (1, ",
+        "mm short of robot.link_clearance_mm at best)",
+        "robot.flange_from_burr",
+    ];
+    assert!(ran.code == 1 && told.iter().all(|part| ran.err.contains(part)), "{}", ran.err);
+}
+
+#[test]
 fn a_patch_out_of_reach_falls_short_and_says_why() {
     let place = Place::healthy().with_case("rate_hz = 100", ARM);
     let far = [

@@ -18,7 +18,7 @@ pub use bonemill_geometry::Progress;
 pub use bonemill_imaging::part;
 pub use bonemill_pipeline::{self as pipeline, Plan, plan};
 pub use bonemill_planfile::{self as plan, toward};
-pub use bonemill_setup::{PlanError, Setup, Stopwatch, mesh_tool, stand, survey};
+pub use bonemill_setup::{PlanError, Setup, Stopwatch, mesh_tool, room, stand, survey};
 pub use bonemill_simulate as simulate;
 pub use bonemill_toolpath::scene;
 pub use bonemill_toolpath::{access, engagement, orientation, path, space};

@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn every_arm_that_holds_the_block_mills_the_largest_one() {
-        for model in [UrModel::Ur3e, UrModel::Ur5e, UrModel::Ur10e] {
+        for model in UrModel::ALL {
             let motion = motion(model, OnFlange::Part, &block(), &moves()).unwrap().unwrap();
             assert!(
                 motion.duration_s > 30.0 && motion.csv.starts_with(b"time_s,q1,"),

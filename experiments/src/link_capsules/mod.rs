@@ -119,7 +119,11 @@ fn mesh(
     file: &str,
     link_from_mesh: &Rigid<Base, Base>,
 ) -> Result<Vec<Triangle>, ExperimentError> {
-    let path = folder.join(format!("meshes/{}/collision/{file}.stl", model.name()));
+    let visual = parameters(folder, model, "visual_parameters")?;
+    let end = format!("/collision/{file}.stl");
+    let place = |line: &str| Some(line.trim().strip_prefix("path:")?.trim().to_owned());
+    let path = visual.lines().filter_map(place).find(|path| path.ends_with(&end));
+    let path = folder.join(path.unwrap_or_else(|| format!("meshes/{}{end}", model.name())));
     let facets = read_facets(&path).map_err(|source| ExperimentError::Mesh { path, source })?;
     let place = |n: u32| {
         let at = facets.vertices[n as usize] * 1000.0;
@@ -128,15 +132,16 @@ fn mesh(
     Ok(facets.triangles.iter().map(|corners| corners.map(place)).collect())
 }
 
+/// A file of a model's configuration. It names the meshes, some of which several models share.
+fn parameters(folder: &Path, model: UrModel, name: &str) -> Result<String, ExperimentError> {
+    let path = folder.join(format!("config/{}/{name}.yaml", model.name()));
+    std::fs::read_to_string(&path).map_err(|source| ExperimentError::Offsets { path, source: Some(source) })
+}
+
 /// Along z: of the upper arm, the forearm and the three wrists, mm.
 fn offsets_mm(folder: &Path, model: UrModel) -> Result<[f64; 5], ExperimentError> {
-    let read = |name: &str| {
-        let path = folder.join(format!("config/{}/{name}.yaml", model.name()));
-        std::fs::read_to_string(&path)
-            .map_err(|source| ExperimentError::Offsets { path, source: Some(source) })
-    };
-    let physical = read("physical_parameters")?;
-    let visual = read("visual_parameters")?;
+    let physical = parameters(folder, model, "physical_parameters")?;
+    let visual = parameters(folder, model, "visual_parameters")?;
     let values = |text: &str, key: &str| -> Vec<f64> {
         let after = text
             .lines()

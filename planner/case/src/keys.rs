@@ -405,7 +405,7 @@ table! {
         CHANNEL_DIRECTION = "path.direction" "`safest`, or [x, y, z] in ct, into the bone", "from entry_mm to target_mm where both are given; else required", "with plunge or ream: where the channel leads; `safest`: to target_mm, with the largest weighted clearance to every structure", "-";
         HOLD = "hold" "tables [[hold]]", ABSENT, "where a streamed plan draws the burr back and waits for the user, as nerve monitoring needs; the path is the same without", "-";
         HOLD_STRUCTURE = "hold.structure" "the name of a [[structure]]", REQUIRED, "to which the distance is", "-";
-        MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
+        MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e`, `ur16e`, `ur20`, `ur30` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
         CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
         BRANCH = "robot.branch" "a number from 0 to 7, or words of `shoulder-left` | `shoulder-right`, `elbow-up` | `elbow-down`, `wrist-positive` | `wrist-negative` joined by `/`",
             "any; those whose links stay above the mounting plane come first", "which branches of a UR's inverse may be taken, for the whole path: 4·shoulder + 2·wrist + elbow; seen from the base toward the wrist, the upper arm is left or right of it, the elbow above or below the line from the shoulder to the wrist, and q5 positive or negative", "-";

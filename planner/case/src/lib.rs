@@ -422,7 +422,7 @@ pub enum Registration {
 /// `[robot]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotSpec {
-    /// `bone-attached`, `ur3e`, `ur5e`, `ur10e`, or a URDF's path.
+    /// One of [`bonemill_arm::arm::NAMES`], or a URDF's path.
     pub model: String,
     /// A UR's calibration file, relative to the case.
     pub calibration: Option<PathBuf>,

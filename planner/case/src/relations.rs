@@ -5,6 +5,9 @@ use super::hold::judge_holds;
 use super::keys::Unit;
 use super::room::judge_obstacles;
 use super::suggest::nearest;
+use bonemill_arm::arm::NAMES;
+use bonemill_arm::ur::UrModel;
+
 use super::{Case, ForceTerm, Job, SpeedMode, Target, ToolSpec};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
@@ -199,15 +202,11 @@ fn judge_structures(case: &Case, note: &dyn Fn(CaseFault, &str)) {
     }
 }
 
-/// The arms that come with the planner.
-const ARMS: [&str; 4] = ["bone-attached", "ur3e", "ur5e", "ur10e"];
-
 /// Joints of the arms that come with the planner; a URDF's are counted when it is read.
 fn known_joints(model: &str) -> Option<usize> {
     match model {
         "bone-attached" => Some(4),
-        "ur3e" | "ur5e" | "ur10e" => Some(6),
-        _ => None,
+        _ => UrModel::by_name(model).map(|_| 6),
     }
 }
 
@@ -217,8 +216,8 @@ fn judge_arm(case: &Case, note: &dyn Fn(CaseFault, &str)) {
     if known_joints(&found).is_some() || found.contains(['.', '/', '\\']) {
         return;
     }
-    let (key, options) = ("robot.model", ARMS.to_vec());
-    let nearest = nearest(&found, ARMS.into_iter()).map(str::to_owned);
+    let (key, options) = ("robot.model", NAMES.to_vec());
+    let nearest = nearest(&found, NAMES.into_iter()).map(str::to_owned);
     note(CaseFault::UnknownArm { key: key.into(), found, options, nearest }, key);
 }
 
@@ -279,5 +278,20 @@ fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
             let why = "caps are kept with speed.mode = \"force_limited\" and \"least_force\" only";
             note(CaseFault::Contradiction { key: key.into(), why }, key);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::keys::MODEL;
+
+    #[test]
+    fn the_documented_arms_are_those_that_there_are() {
+        let named = NAMES.map(|name| format!("`{name}`")).join(", ");
+        assert_eq!(MODEL.expects, format!("{named} or the path of a .urdf file"));
+        let machines = crate::prosthesis::keys::MACHINE.words();
+        assert_eq!(machines[1..], UrModel::ALL.map(UrModel::name));
+        assert!(NAMES.iter().all(|name| known_joints(name).is_some()));
     }
 }

@@ -137,7 +137,7 @@ pub enum PlanError {
         /// What the case says.
         value: String,
         /// What it may say.
-        supported: &'static str,
+        supported: String,
     },
     /// The fiducials give no registration.
     #[error("robot.base_from_ct.fiducials: {0}")]

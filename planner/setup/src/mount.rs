@@ -12,8 +12,8 @@ use thiserror::Error;
 
 /// Nearer than this to the flange no handpiece holds a burr, mm. Assumed.
 const NEAR_MM: f64 = 20.0;
-/// Radius of a UR's wrist behind its flange, mm: that of the largest, the UR10e. Assumed.
-const WRIST_RADIUS_MM: f64 = 45.0;
+/// Radius of a UR's wrist behind its flange, mm: that of the largest, UR20 and UR30, as of their capsule.
+const WRIST_RADIUS_MM: f64 = 60.6;
 /// What a handpiece straight on the flange has.
 const EXAMPLE: &str = "for a handpiece straight on the flange with the burr 180 mm before it: translation_mm = [0, 0, 180], \
                        rpy_rad = [3.141592653589793, 0, 0]";
@@ -122,7 +122,7 @@ mod tests {
             ([80.0, 0.0, 60.0], [0.0, -FRAC_PI_2, 0.0]),
             ([0.0, 0.0, 90.0], [0.0, FRAC_PI_2, 0.0]),
         ] {
-            for model in ["ur3e", "ur5e", "ur10e", "own.urdf"] {
+            for model in UrModel::ALL.map(UrModel::name).into_iter().chain(["own.urdf"]) {
                 let case = case(model, at, rpy);
                 assert_eq!(judged(&case), Ok(()), "{model} {at:?} {rpy:?}");
                 assert_eq!(warning(&case), None);

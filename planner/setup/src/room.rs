@@ -4,6 +4,7 @@
 //! voxels does. Air that is not joined to the scan's border is filled, and pieces below 500 mm³ are left out. Cells of the
 //! scan's outermost layer are repeated beyond it for `robot.head_beyond_mm`, but for faces within 60° of the approach: the tool comes in there.
 
+use bonemill_arm::ur::UrModel;
 use bonemill_arm::{Arm, ArmKind};
 use bonemill_case::{Case, HeadSource, ObstacleFrame, ObstacleShape};
 use bonemill_geometry::{Base, Capsule, Ct, Grid, Point, Rigid, Tool, Volume};
@@ -41,7 +42,7 @@ pub fn room(
     if arm.kind() != ArmKind::Ur {
         return Ok(None);
     }
-    let mut obstacles: Vec<Obstacle> = case.obstacles.iter().map(|o| placed(o, base_from_ct)).collect();
+    let mut obstacles = obstacles(case, base_from_ct);
     if spec.head == HeadSource::Scan
         && let Some(field) = head_field((ct, approach), spec.head_beyond_mm)?
     {
@@ -49,6 +50,11 @@ pub fn room(
         obstacles.push(Obstacle { name: HEAD_NAME.into(), shape });
     }
     Ok(Room::new(arm, &handpiece(case, arm), obstacles, clearance_mm))
+}
+
+/// The obstacles of a case, in base.
+pub fn obstacles(case: &Case, base_from_ct: &Rigid<Base, Ct>) -> Vec<Obstacle> {
+    case.obstacles.iter().map(|obstacle| placed(obstacle, base_from_ct)).collect()
 }
 
 /// A room of the case as it is with the arm's base elsewhere.
@@ -60,7 +66,7 @@ pub fn seen_from(case: &Case, room: &Room, base_from_ct: &Rigid<Base, Ct>) -> Ro
         _ => None,
     };
     let patient = room.obstacles().iter().filter_map(head);
-    room.among(case.obstacles.iter().map(|o| placed(o, base_from_ct)).chain(patient).collect())
+    room.among(obstacles(case, base_from_ct).into_iter().chain(patient).collect())
 }
 
 /// Refuses a place of the base at which it comes nearer to patient or obstacle than links may.
@@ -81,9 +87,11 @@ pub(crate) fn base_meets(room: &Room) -> Option<Meeting> {
 pub fn warning(case: &Case, room: Option<&Room>) -> Option<String> {
     let asked = case.robot.room.link_clearance_mm.is_some() || !case.obstacles.is_empty();
     (asked && room.is_none()).then(|| {
-        "the shapes of the arm's links are not known (they are for robot.model = \"ur3e\", \"ur5e\", \"ur10e\"): links are held neither \
-         against the patient nor against an [[obstacle]]"
-            .into()
+        format!(
+            "the shapes of the arm's links are not known (they are for robot.model = {}): links are held neither against the patient \
+             nor against an [[obstacle]]",
+            UrModel::names()
+        )
     })
 }
 

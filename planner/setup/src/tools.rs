@@ -57,13 +57,15 @@ const ASSUMED_PLACE: [f64; 2] = [0.55, 0.05];
 /// [`PlanError::Mount`] where the arm cannot hold the tool so, [`PlanError::Robot`] where a file cannot be used or limits do not fit.
 pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
     let robot = &case.robot;
-    let refused = |key, supported| Err(PlanError::Unsupported { key, value: "given".into(), supported });
+    let refused = |key, supported: &str| {
+        Err(PlanError::Unsupported { key, value: "given".into(), supported: supported.into() })
+    };
     let model = UrModel::by_name(&robot.model);
     if robot.calibration.is_some() && model.is_none() {
-        return refused("robot.calibration", "a calibration file for ur3e, ur5e or ur10e only");
+        return refused("robot.calibration", &format!("a calibration file for {} only", UrModel::names()));
     }
     if robot.branch.is_some() && model.is_none() {
-        return refused("robot.branch", "branches of ur3e, ur5e or ur10e only: leave the key out");
+        return refused("robot.branch", &format!("branches of {} only: leave the key out", UrModel::names()));
     }
     let arm = match (robot.model.as_str(), model) {
         ("bone-attached", _) if robot.flange_from_burr.is_some() => {

@@ -38,7 +38,7 @@ class Arm:
 
     @classmethod
     def load(cls, model: str | os.PathLike[str], *, joint_stiffness: ArrayLike | None = None) -> Arm:
-        """The arm ``"bone-attached"``, ``"ur3e"``, ``"ur5e"`` or ``"ur10e"``, or the one that a URDF file describes.
+        """The arm ``"bone-attached"`` or a UR such as ``"ur5e"``, or the one that a URDF file describes.
 
         Args:
             model: name, or path of a URDF (from ``base_link``, else its root, to ``tool0``, else its only tip).

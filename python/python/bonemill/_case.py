@@ -83,7 +83,7 @@ class Case:
             target: the label to be removed, by name or number, where names do not tell it.
             structures: labels to be spared that their names do not tell.
             ignored: labels not to be spared, whatever their names tell.
-            robot: ``"bone-attached"``, ``"ur3e"``, ``"ur5e"`` or ``"ur10e"``.
+            robot: ``"bone-attached"`` or a UR such as ``"ur5e"``.
             approach: (3,), out of the bone, in RAS+, any length; by default the planner chooses it.
             registration: 3D Slicer's transform (.tfm, .txt) under which the CT lies where the robot's base sees it.
             fiducials: at least three points that the arm will touch in this order: a file of 3D Slicer (.mrk.json, .fcsv),

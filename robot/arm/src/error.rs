@@ -41,7 +41,8 @@ pub enum RobotError {
     },
     /// No arm of this name comes with the program.
     #[error(
-        "no arm is called {name:?}: expected bone-attached, ur3e, ur5e, ur10e or the path of a .urdf file"
+        "no arm is called {name:?}: expected {} or the path of a .urdf file",
+        crate::arm::NAMES.join(", ")
     )]
     UnknownArm {
         /// The name.

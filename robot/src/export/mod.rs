@@ -9,6 +9,7 @@ mod decimal;
 mod gcode;
 mod ros;
 mod rows;
+mod scene;
 mod urscript;
 
 pub use blocks::{JointMove, Tolerance, straight_blocks};
@@ -16,4 +17,5 @@ pub use csv::write_trajectory_csv;
 pub use gcode::{Gcode, GcodeMove, is_cartesian, write_gcode};
 pub use ros::{write_ros_json, write_ros_yaml};
 pub use rows::{Between, ExportRows};
+pub use scene::planning_scene;
 pub use urscript::{ScriptHold, ScriptNotes, UrScript, write_urscript};

@@ -104,7 +104,7 @@ pub(super) fn list(values: &[f64]) -> String {
 }
 
 /// A name as a JSON string, which is also valid YAML.
-fn quoted(name: &str) -> String {
+pub(super) fn quoted(name: &str) -> String {
     let mut text = String::from("\"");
     for c in name.chars() {
         match c {

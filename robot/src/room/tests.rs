@@ -19,8 +19,12 @@ fn stream(seed: u64) -> impl FnMut() -> f64 {
 }
 
 fn arm() -> Arm {
+    arm_of(UrModel::Ur5e)
+}
+
+fn arm_of(model: UrModel) -> Arm {
     let mount = Rigid::new(Rotation3::from_euler_angles(PI, 0.0, 0.0), Vector3::new(0.0, 0.0, 180.0));
-    Arm::ur(UrModel::Ur5e, None).unwrap().with_mount(ToolMount { flange_from_burr: mount })
+    Arm::ur(model, None).unwrap().with_mount(ToolMount { flange_from_burr: mount })
 }
 
 fn handpiece() -> Handpiece {
@@ -139,8 +143,10 @@ fn no_posture_between_two_is_nearer_than_is_said() {
 
 #[test]
 fn bounds_of_motion_hold_for_every_point_of_a_link() {
-    let (room, mut next) = (room(), stream(6));
-    for _ in 0..20_000 {
+    let mut next = stream(6);
+    let rooms = UrModel::ALL.map(|model| Room::new(&arm_of(model), &handpiece(), vec![], 10.0).unwrap());
+    for n in 0..20_000 {
+        let room = &rooms[n % rooms.len()];
         let q0: [f64; 6] = std::array::from_fn(|_| (2.0 * next() - 1.0) * PI);
         let q1: [f64; 6] = std::array::from_fn(|j| q0[j] + (2.0 * next() - 1.0) * 0.5);
         let (a, b) = (room.links.place(&q0), room.links.place(&q1));
@@ -229,10 +235,26 @@ fn the_base_is_held_against_the_patient_and_what_reaches_above_its_plane() {
     assert!(with(vec![obstacle("patient", patient)]).base().distance_mm < 0.0);
 }
 
+#[test]
+fn every_model_follows_a_line_before_it_clear_of_itself() {
+    for model in UrModel::ALL {
+        let arm = arm_of(model);
+        let room = Room::new(&arm, &handpiece(), vec![], 10.0).unwrap();
+        let (poses, length_mm) = line_at(0.5 * model.reach_mm());
+        let found = resolve(&arm, &path(&poses, &length_mm, Some(&room))).unwrap().unwrap();
+        let least = room.along(LinkMotion { q: &found.q }).unwrap().nearest;
+        assert!(least.distance_mm >= 10.0 - 0.6, "{model:?}: {least:?}");
+    }
+}
+
 /// A line of poses with the shaft upright before the arm.
 fn line() -> (Vec<AxisPose>, Vec<f64>) {
+    line_at(420.0)
+}
+
+fn line_at(x_mm: f64) -> (Vec<AxisPose>, Vec<f64>) {
     let axis = nalgebra::Unit::new_normalize(Vector3::z());
-    let pose = |n: usize| AxisPose { position: Point::new(420.0 + n as f64 * 0.5, 60.0, 80.0), axis };
+    let pose = |n: usize| AxisPose { position: Point::new(x_mm + n as f64 * 0.5, 60.0, 80.0), axis };
     ((0..60).map(pose).collect(), vec![0.5; 60])
 }
 

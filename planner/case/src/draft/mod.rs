@@ -23,7 +23,7 @@ pub use side::{SideFound, side};
 use super::{Case, LabelRef};
 
 /// Names of the arms for which a case can be made.
-pub const ROBOTS: [&str; 4] = ["bone-attached", "ur3e", "ur5e", "ur10e"];
+pub const ROBOTS: [&str; bonemill_arm::arm::NAMES.len()] = bonemill_arm::arm::NAMES;
 
 /// A label of the map or of a file of its own.
 #[derive(Debug, Clone, PartialEq)]

@@ -48,7 +48,7 @@ table! {
             "shape of the cutter's end", ASSUMED;
         CUT_SENSE: CutSense = "process.sense" ["climb" => CutSense::Climb, "conventional" => CutSense::Conventional],
             "sense of cut beside the stock", ASSUMED;
-        MACHINE: MachineKind = "machine.kind" ["five-axis" => MachineKind::FiveAxis, "ur3e" => MachineKind::Ur(UrModel::Ur3e), "ur5e" => MachineKind::Ur(UrModel::Ur5e), "ur10e" => MachineKind::Ur(UrModel::Ur10e)],
+        MACHINE: MachineKind = "machine.kind" ["five-axis" => MachineKind::FiveAxis, "ur3e" => MachineKind::Ur(UrModel::Ur3e), "ur5e" => MachineKind::Ur(UrModel::Ur5e), "ur10e" => MachineKind::Ur(UrModel::Ur10e), "ur16e" => MachineKind::Ur(UrModel::Ur16e), "ur20" => MachineKind::Ur(UrModel::Ur20), "ur30" => MachineKind::Ur(UrModel::Ur30)],
             "what moves the cutter against the part: a milling machine with a rotary axis, or an arm, which gets trajectory.csv too", "C section 5";
         DIALECT: GCode = "machine.dialect" ["linuxcnc" => GCode::LinuxCnc, "fanuc" => GCode::Fanuc, "haas" => GCode::Haas],
             "whose G-code program.nc is: the unit of a dwell, the program's number", ASSUMED;

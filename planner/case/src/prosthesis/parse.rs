@@ -167,7 +167,7 @@ fn read_machine(walk: Walk<'_, '_>) -> MachineSpec {
     let kind = walk.choice(&k::MACHINE, MachineKind::FiveAxis);
     let on_flange = walk.choice(&k::ON_FLANGE, OnFlange::Spindle);
     if kind == MachineKind::FiveAxis && on_flange == OnFlange::Part {
-        let why = "a milling machine has no flange; machine.kind = \"ur3e\", \"ur5e\" or \"ur10e\" has one";
+        let why = "a milling machine has no flange; an arm has one, e.g. machine.kind = \"ur5e\"";
         walk.note("on_flange", CaseFault::Contradiction { key: walk.key("on_flange"), why });
     }
     let [low, high] = walk.exactly::<2>(&k::ROTARY_RANGE).unwrap_or(DEFAULT_ROTARY_DEG);

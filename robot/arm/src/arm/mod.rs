@@ -21,7 +21,7 @@ pub use joint::{Joint, JointExcess, JointKind};
 pub use kinematics::compliance_mm_per_n;
 pub use mount::{BlockMount, Mount, ToolMount};
 pub(crate) use reader::read_text;
-pub use reader::{load, read_urdf};
+pub use reader::{NAMES, load, read_urdf};
 
 use crate::error::RobotError;
 use crate::ur::{UrGeometry, UrModel};

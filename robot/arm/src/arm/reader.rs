@@ -6,7 +6,18 @@ use super::Arm;
 use crate::error::RobotError;
 use crate::ur::UrModel;
 
-/// The arm with a name (`bone-attached`, `ur3e`, `ur5e`, `ur10e`) or from a URDF file (a path that ends in `.urdf` or
+/// Names of the arms that come with the program.
+pub const NAMES: [&str; 1 + UrModel::ALL.len()] = {
+    let mut names = ["bone-attached"; 1 + UrModel::ALL.len()];
+    let mut n = 0;
+    while n < UrModel::ALL.len() {
+        names[n + 1] = UrModel::ALL[n].name();
+        n += 1;
+    }
+    names
+};
+
+/// The arm with one of the [`NAMES`] or from a URDF file (a path that ends in `.urdf` or
 /// `.xml`), without a tool.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Universal Robots' e-series: nominal kinematics, the URDF made from them, calibration and closed-form inverse.
+//! Universal Robots' e-series, UR20 and UR30: nominal kinematics, the URDF made from them, calibration and closed-form inverse.
 //!
 //! base is the DH table's frame 0, the frame in which the controller and its pendant show positions. In ROS descriptions
 //! `base_link` is turned by π about z relative to it; joint values are the same. `tool0` is the DH table's frame 6.
@@ -10,7 +10,8 @@
 //! (tested); the inverse of a calibrated arm starts from the nominal branches and is exact.
 //!
 //! **Source:** DH parameters, ranges and speeds: Universal Robots, "DH parameters for calculations of kinematics and
-//! dynamics" and the e-series data sheets.
+//! dynamics" and the data sheets; of UR16e, UR20 and UR30 `config/ur*/{default_kinematics,joint_limits}.yaml` of Universal Robots'
+//! ROS 2 description, version 2.4.5.
 
 pub mod branch;
 pub mod calibration;
@@ -32,7 +33,7 @@ use crate::error::RobotError;
 /// well below the 40 rad/s² that the controller accepts, and equal to the 5 rad/s² of ROS descriptions.
 pub const LIMITS_ASSUMED: (f64, f64) = (5.0, 250.0);
 
-/// An arm of the e-series.
+/// A Universal Robots arm whose numbers are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UrModel {
     /// 500 mm of reach.
@@ -41,6 +42,12 @@ pub enum UrModel {
     Ur5e,
     /// 1300 mm of reach.
     Ur10e,
+    /// 900 mm of reach.
+    Ur16e,
+    /// 1750 mm of reach.
+    Ur20,
+    /// 1300 mm of reach.
+    Ur30,
 }
 
 /// One row of a DH table: Rz(q + θ) Tz(d) Tx(a) Rx(α); metres and radians, as UR gives them.
@@ -54,14 +61,22 @@ pub(crate) struct DhRow {
 
 impl UrModel {
     /// All models.
-    pub const ALL: [Self; 3] = [Self::Ur3e, Self::Ur5e, Self::Ur10e];
+    pub const ALL: [Self; 6] = [Self::Ur3e, Self::Ur5e, Self::Ur10e, Self::Ur16e, Self::Ur20, Self::Ur30];
 
-    /// Name in a case file: `ur3e`, `ur5e`, `ur10e`.
-    pub fn name(self) -> &'static str {
+    /// The names of all models, for messages.
+    pub fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+
+    /// Name in a case file, such as `ur5e`.
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Ur3e => "ur3e",
             Self::Ur5e => "ur5e",
             Self::Ur10e => "ur10e",
+            Self::Ur16e => "ur16e",
+            Self::Ur20 => "ur20",
+            Self::Ur30 => "ur30",
         }
     }
 
@@ -75,7 +90,9 @@ impl UrModel {
         match self {
             Self::Ur3e => 500.0,
             Self::Ur5e => 850.0,
-            Self::Ur10e => 1300.0,
+            Self::Ur10e | Self::Ur30 => 1300.0,
+            Self::Ur16e => 900.0,
+            Self::Ur20 => 1750.0,
         }
     }
 
@@ -85,6 +102,9 @@ impl UrModel {
             Self::Ur3e => [-0.24355, -0.2132, 0.15185, 0.13105, 0.08535, 0.0921],
             Self::Ur5e => [-0.425, -0.3922, 0.1625, 0.1333, 0.0997, 0.0996],
             Self::Ur10e => [-0.6127, -0.57155, 0.1807, 0.17415, 0.11985, 0.11655],
+            Self::Ur16e => [-0.4784, -0.36, 0.1807, 0.17415, 0.11985, 0.11655],
+            Self::Ur20 => [-0.862, -0.7287, 0.2363, 0.201, 0.1593, 0.1543],
+            Self::Ur30 => [-0.637, -0.5037, 0.2363, 0.201, 0.1593, 0.1543],
         };
         let row = |d_m, a_m, alpha| DhRow { theta: 0.0, d_m, a_m, alpha };
         [
@@ -111,13 +131,18 @@ impl UrModel {
         }
     }
 
-    /// Joint speed limits, rad/s: 180°/s, but 120°/s for the first two joints of the UR10e and 360°/s for the UR3e's wrist.
+    /// Joint speed limits, rad/s: 180°/s, but 360°/s for the UR3e's wrist, 120°/s for the first two joints of the arms above the UR5e, and
+    /// 150°/s for the elbow and 210°/s for the wrist of UR20 and UR30.
     pub(crate) fn velocity(self) -> [f64; 6] {
         let (half, third) = (TAU / 2.0, TAU / 3.0);
         match self {
             Self::Ur3e => [half, half, half, TAU, TAU, TAU],
             Self::Ur5e => [half; 6],
-            Self::Ur10e => [third, third, half, half, half, half],
+            Self::Ur10e | Self::Ur16e => [third, third, half, half, half, half],
+            Self::Ur20 | Self::Ur30 => {
+                let [elbow, wrist] = [150.0, 210.0].map(f64::to_radians);
+                [third, third, elbow, wrist, wrist, wrist]
+            }
         }
     }
 }

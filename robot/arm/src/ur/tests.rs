@@ -266,7 +266,7 @@ fn shoulder_and_elbow_singular_at_once_are_still_reached() {
 
 proptest! {
     #[test]
-    fn the_edge_of_reach_is_reached(q in prop::array::uniform6(-3.0f64..3.0), model in 0..3usize) {
+    fn the_edge_of_reach_is_reached(q in prop::array::uniform6(-3.0f64..3.0), model in 0..UrModel::ALL.len()) {
         let model = UrModel::ALL[model];
         let (arm, mut q) = (Arm::ur(model, None).unwrap(), q);
         q[2] = 0.0;
