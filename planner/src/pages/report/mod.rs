@@ -200,8 +200,24 @@ fn charts(plan: &Plan) -> String {
     }
     charts.push(chart("Tilt from the approach", "°", &[one("tilt", "line-a", &|w| Some(tilt_deg(w)))], &[]));
     charts.push(free_angles(plan));
+    if let Some(room) = &plan.setup.room {
+        let near = |w: &Waypoint| {
+            let q = plan.moves.law.sample(w.time_s).q;
+            let nearest = room.nearest(&q, [f64::NEG_INFINITY, FAR_MM])?;
+            Some(nearest.distance_mm.min(room.base().distance_mm))
+        };
+        charts.push(chart(
+            "Distance of the arm's links from patient, obstacles and each other, at the waypoints",
+            "mm",
+            &[one("least distance", "line-a", &near)],
+            &[Level { name: "clearance", value: room.clearance_mm() }],
+        ));
+    }
     charts.concat()
 }
+
+/// Links that are farther away are drawn at this distance, mm.
+const FAR_MM: f64 = 200.0;
 
 /// The section on the free range around the chosen axis.
 fn free_angles(plan: &Plan) -> String {

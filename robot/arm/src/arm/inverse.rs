@@ -135,8 +135,9 @@ pub struct Solutions {
 }
 
 impl Arm {
-    /// Every joint vector that brings the tool to a pose in the work frame. For arms of fewer than six joints only the pose's
-    /// origin and z axis are used.
+    /// Every joint vector that brings the tool to a pose in the work frame; of an arm without closed form those that searches from several
+    /// starts find, which for more than six joints are some of infinitely many. For arms of fewer than six joints only the pose's origin and
+    /// z axis are used.
     ///
     /// Joint limits are not checked: see [`Arm::beyond_limits`].
     ///
