@@ -99,3 +99,9 @@ fn docs_prosthesis_md_is_this_reference() {
         "docs/prosthesis.md is out of date: run `bonemill keys --prosthesis > docs/prosthesis.md`"
     );
 }
+
+#[test]
+fn every_ur_is_a_machine() {
+    let machines = super::keys::MACHINE.words();
+    assert_eq!(machines[1..], bonemill_arm::ur::UrModel::ALL.map(bonemill_arm::ur::UrModel::name));
+}
