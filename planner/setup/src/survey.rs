@@ -197,12 +197,11 @@ fn beside(ct: &Grid<Ct>, map: &LabelMap) -> Option<String> {
     Some(refusal.map_or_else(|| found.text(), |refusal| refusal.to_string()))
 }
 
+/// A label of a further file: its number there, its name, and how the case names it.
+type InFile = (Option<u16>, Option<String>, LabelRef);
+
 /// The labels of a further file: their numbers there, their names, and how the case names them. One alone is a mask.
-fn labels_of(
-    file: &mut LabelMap,
-    path: &Path,
-    named: &Path,
-) -> Result<Vec<(Option<u16>, Option<String>, LabelRef)>, ImageError> {
+fn labels_of(file: &mut LabelMap, path: &Path, named: &Path) -> Result<Vec<InFile>, ImageError> {
     let all = file.labels();
     if all.len() < 2 {
         return Ok(vec![(None, stem(path), LabelRef::File { path: named.into(), label: None })]);
