@@ -212,7 +212,7 @@ fn files(
 fn scene(plan: &StoredPlan) -> Option<String> {
     let obstacles = obstacles(&plan.record.case, &plan.record.frames.base_from_ct);
     // ROS' descriptions of URs call the controller's base so; their base_link is turned
-    let frame = if plan.arm.kind() == ArmKind::Ur { "base" } else { "base_link" };
+    let frame = if plan.arm.kind() == ArmKind::Ur { "base" } else { plan.arm.base_link() };
     let name = "bonemill: the obstacles of the case, without the patient";
     (!obstacles.is_empty()).then(|| planning_scene(&obstacles, frame, name))
 }

@@ -153,8 +153,31 @@ fn a_mask_of_another_grid_keeps_all_of_a_structure_and_is_told() {
     put(&place, "nerve.nii", &only(&beside, &[(NERVE, 1.0)]));
     place.refuses_into(
         "other",
-        &["structure 'nerve'", "nerve.nii has the label map's dimensions", "0.750 mm"],
+        &["structure 'nerve'", "nerve.nii has the dimensions of the label map", "0.750 mm"],
     );
+}
+
+/// Neither a file beside the map nor a map that grows to hold one hides that a file lies elsewhere than the CT.
+#[test]
+fn every_file_is_compared_with_the_ct_on_its_own_grid() {
+    let place = Place::healthy();
+    let all = labels();
+    let keys = ["label = 20", "file = \"nerve.nii\"", "label = 8", "label = 9"];
+    fs::write(place.path("case.toml"), case("labels = \"labels.nii\"\n", keys)).unwrap();
+    // the map a crop, the mask of the CT's dimensions and two voxels beside it
+    place.put_labels(&all.cropped([2..34, 3..39, 5..24]));
+    let mut beside = only(&all, &[(NERVE, 1.0)]);
+    beside.affine[0][3] += 2.0 * body::SPACING_MM;
+    put(&place, "nerve.nii", &beside);
+    place.refuses_into("other", &["structure 'nerve'", "nerve.nii has the dimensions of the CT", "1.000 mm"]);
+    // the map of the CT's dimensions and beside it, the mask a crop at the true place, beyond the map's edge
+    let mut beside = only(&all, &[(TARGET, TARGET), (VEIN, VEIN), (PLATE, PLATE)]);
+    beside.affine[0][3] += 10.0 * body::SPACING_MM;
+    place.put_labels(&beside);
+    let mut wide = only(&all, &[(NERVE, 1.0)]);
+    wide.fill([0..2, 4..6, 4..6], 1.0);
+    put(&place, "nerve.nii", &wide.cropped([0..32, 2..38, 2..24]));
+    place.refuses_into("other", &["the label map has the CT's dimensions", "5.000 mm"]);
 }
 
 #[test]

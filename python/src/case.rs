@@ -57,6 +57,7 @@ pub fn draft_case(
     let wishes = Wishes { target: target.map(TargetWish::Label), structures, ignored };
     let refused = |e| errors::CaseError::new_err(errors::words(&e));
     let choice = choose(&survey.labels, &wishes).map_err(refused)?;
+    let ct_series = ct_series.as_deref().map(bonemill_imaging::series_name);
     let images = ImagePaths { ct: named_ct, ct_series, labels: named_labels };
     let known = (robot.as_str(), approach.map(Vector3::from), place);
     let (_, drafted) = survey.draft(images, &choice, known, &file).map_err(refused)?;

@@ -33,8 +33,12 @@ pub(super) fn table() -> Result<Table, ExperimentError> {
     if !series.exists() {
         return Ok(table);
     }
+    // the peak begins anew; where the system does not allow it, it is that of the whole process
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
     let before_mb = peak_mb();
-    let (time_s, image) = least_s(RUNS, || read_ct(&series, AffineChoice::Auto));
+    let two = rayon::ThreadPoolBuilder::new().num_threads(2).build();
+    let read = || least_s(RUNS, || read_ct(&series, AffineChoice::Auto));
+    let (time_s, image) = two.map_or_else(|_| read(), |two| two.install(read));
     let gained_mb = peak_mb() - before_mb;
     let Some(image) = image.transpose()? else { return Ok(table) };
     let sum: f64 = image.volume.data().iter().map(|hu| f64::from(*hu)).sum();

@@ -13,6 +13,9 @@ const OFF_FACE_MM: [f64; 3] = [0.00137, 0.00119, 0.00107];
 /// Voxels touch if they overlap by more than this, of the label's voxel: headers are rounded.
 const OVERLAP_VOXELS: f64 = 0.01;
 
+/// Axes are parallel if no cosine between two differs by more from 0 or 1: no voxel of an image is displaced by more than its hundredth.
+const PARALLEL: f64 = 1e-5;
+
 /// How a label is brought onto another grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fit {
@@ -75,8 +78,14 @@ pub(super) fn centred(
     places
 }
 
+/// Whether each axis of a grid is one of another's, of either sense.
+fn are_parallel(a: &Grid<Ct>, b: &Grid<Ct>) -> bool {
+    (a.axes().transpose() * b.axes()).iter().all(|c| c.abs() < PARALLEL || 1.0 - c.abs() < PARALLEL)
+}
+
 /// The voxels of a grid that a label's voxels touch, ascending: those that hold one of the points by which each voxel is sampled, from
-/// face to face and nowhere farther apart than the grid's voxels.
+/// face to face. Points are nowhere farther apart than the grid's voxels along parallel axes, else than 1/√3 of that: a cube then holds one
+/// however it is turned, since it holds a ball as wide as the points' cube is across.
 pub(super) fn touched(
     from: &Volume<u16, Ct>,
     is_in: &impl Fn(u16) -> bool,
@@ -86,7 +95,8 @@ pub(super) fn touched(
     let grid = from.grid();
     let half = 0.5 - OVERLAP_VOXELS;
     let offsets: [Vec<f64>; 3] = std::array::from_fn(|a| {
-        let steps = (grid.spacing_mm()[a] / to.spacing_mm().min() - OVERLAP_VOXELS).ceil().max(1.0);
+        let apart_mm = to.spacing_mm().min() / if are_parallel(grid, to) { 1.0 } else { 3f64.sqrt() };
+        let steps = (grid.spacing_mm()[a] / apart_mm - OVERLAP_VOXELS).ceil().max(1.0);
         (0..=steps as usize).map(|n| half * (2.0 * n as f64 / steps - 1.0)).collect()
     });
     let mut is_touched = vec![false; to.len()];

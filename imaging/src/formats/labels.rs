@@ -153,7 +153,8 @@ impl LabelMap {
                 _ => self.further.push((place as u32, number)),
             }
         }
-        self.further.sort_unstable();
+        // by places only: of labels of one rank the one that was added first is shown
+        self.further.sort_by_key(|(place, _)| *place);
         Ok(Added { number, mm3 })
     }
 

@@ -57,7 +57,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures, room};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
-use bonemill_toolpath::scene::{ChosenWay, Scene, Way};
+use bonemill_toolpath::scene::{Scene, Way};
 use bonemill_toolpath::space::BurrSpace;
 use start::Start;
 
@@ -96,7 +96,9 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let way = setup.scene.way.clone();
     match (planned(case, setup, watch), way) {
         (Err(error), Some(way)) if is_of_the_way(&error) => {
-            let others = &mut way.others.iter().map(|other| along(other, &way, (case, case_path), progress));
+            let along =
+                |other| along((other, way.text_of(other, &error.to_string())), (case, case_path), progress);
+            let others = &mut way.others.iter().map(along);
             others
                 .find_map(Result::ok)
                 .ok_or_else(|| PlanError::AlongChosen { way: way.text(), source: Box::new(error) })
@@ -107,13 +109,13 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
 
 /// Whether another way in may help.
 fn is_of_the_way(error: &PlanError) -> bool {
-    error.is_infeasible() || matches!(error, PlanError::NothingReachable { .. })
+    let is_elsewhere = matches!(error, PlanError::BaseMeets(_));
+    (error.is_infeasible() && !is_elsewhere) || matches!(error, PlanError::NothingReachable { .. })
 }
 
 /// Plans a case along another way in than the one that was chosen first.
 fn along(
-    other: &Way,
-    chosen: &ChosenWay,
+    (other, told): (&Way, String),
     (case, case_path): (&Case, &Path),
     progress: &dyn Progress,
 ) -> Result<Plan, PlanError> {
@@ -122,7 +124,7 @@ fn along(
     let mut setup = Setup::read(&given, case_path, &mut watch)?;
     // the record holds the case as it was given
     setup.case.approach = None;
-    setup.warnings.push(chosen.text_of(other));
+    setup.warnings.push(told);
     planned(case, setup, watch)
 }
 

@@ -396,9 +396,10 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
         }
         SceneError::LabelsDisplaced { is_nifti: true, .. } => "images.labels_affine",
         SceneError::NoOverlap { .. } | SceneError::LabelsDisplaced { .. } => "images.labels",
-        SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => {
-            "target"
-        }
+        SceneError::EmptyTarget(_)
+        | SceneError::TargetGivesWay { .. }
+        | SceneError::TargetOutside { .. }
+        | SceneError::TargetTouches { .. } => "target",
         SceneError::TooLarge { .. } => "grid.spacing_mm",
         SceneError::NoApproach | SceneError::FacesBone { .. } => "approach.direction",
         SceneError::NoRoom { .. } => "burr.radius_mm",

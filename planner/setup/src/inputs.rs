@@ -139,7 +139,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
         (&place(&case.images.ct), case.images.ct_affine, case.images.ct_series.as_deref()),
         (&labels_path, case.images.labels_affine, &place(&label_names_path(&case.images.labels))),
     )?;
-    let mut files = LabelFiles::new(case, &place, (map, names));
+    let mut files = LabelFiles::new(case, &place, ct.volume.grid(), (map, names));
     let target = case.target.with_label(|label| {
         files.number((format!("target.{}", label.key()), "target".into()), label, Fit::Centres)
     })?;
@@ -159,6 +159,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
         let named = (format!("structure '{}'", s.name), format!("structure[{n}]"));
         structures.push((s.name.clone(), files.number(named, &s.label, Fit::Touched)?));
     }
+    files.map_lies_at_ct()?;
     let LabelFiles { mut map, names, read: label_files, warnings: of_files, .. } = files;
     labels_differ(&target, &also, &structures)?;
     let mut warnings: Vec<String> =

@@ -6,10 +6,12 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::{Case, LabelRef, nearest};
+use bonemill_geometry::{Ct, Grid};
 use bonemill_imaging::{
     AddFault, Added, AffineChoice, Fit, LabelMap, LabelNames, Placement, displacement_mm, label_names_path,
     read_label_map, read_label_names,
 };
+use bonemill_toolpath::scene::Displaced;
 use thiserror::Error;
 
 use super::PlanError;
@@ -32,14 +34,19 @@ pub enum LabelFileFault {
     /// It is to be removed, and it is not said which of its labels.
     #[error("holds the labels {0:?}; expected a mask of one label, or which of them with label or segment")]
     SeveralLabels(Vec<u16>),
-    /// It has the dimensions of the label map, and lies elsewhere.
+    /// It has the dimensions of the label map or the CT, and lies elsewhere.
     #[error(
-        "has the label map's dimensions, but another spacing or origin: its corners lie up to {mm:.3} mm beside the map's. Write it anew \
-         on the map's grid; if it does lie where its own header says, set images.labels_affine to \"sform\" or \"qform\""
+        "has the dimensions of {what}, but another spacing or origin: its corners lie up to {mm:.3} mm beside it. Write it anew on that \
+         grid{}",
+        if *is_nifti { "; if it does lie where its own header says, set images.labels_affine to \"sform\" or \"qform\"" } else { "" }
     )]
     Displaced {
+        /// Which image.
+        what: &'static str,
         /// The largest distance of corners, mm.
         mm: f64,
+        /// Whether the case can choose another of its transforms.
+        is_nifti: bool,
     },
 }
 
@@ -47,6 +54,9 @@ pub enum LabelFileFault {
 pub(super) struct LabelFiles<'a> {
     case: &'a Case,
     place: &'a (dyn Fn(&Path) -> PathBuf + Sync),
+    ct: &'a Grid<Ct>,
+    /// The grid of the map's own file.
+    own: Grid<Ct>,
     /// The map.
     pub map: LabelMap,
     /// The names of its own labels.
@@ -73,9 +83,11 @@ impl<'a> LabelFiles<'a> {
     pub fn new(
         case: &'a Case,
         place: &'a (dyn Fn(&Path) -> PathBuf + Sync),
+        ct: &'a Grid<Ct>,
         (map, names): (LabelMap, Option<NamesAt>),
     ) -> Self {
-        Self { case, place, map, names, others: vec![], read: vec![], warnings: vec![] }
+        let own = map.image.volume.grid().clone();
+        Self { case, place, ct, own, map, names, others: vec![], read: vec![], warnings: vec![] }
     }
 
     /// The number of a label; one of another file is added.
@@ -105,8 +117,16 @@ impl<'a> LabelFiles<'a> {
         if all.len() > 1 {
             return Err(refused(LabelFileFault::SeveralLabels(all.into_iter().take(10).collect())));
         }
-        if self.case.images.labels_affine == AffineChoice::Auto {
-            lies_with(&self.map, &other.map).map_err(&refused)?;
+        let is_nifti = other.map.image.provenance.placement.is_nifti();
+        let is_chosen = is_nifti && self.case.images.labels_affine != AffineChoice::Auto;
+        if !is_chosen {
+            lies_with(&self.own, &other.map).map_err(&refused)?;
+        }
+        if let Some(found) = Displaced::of(self.ct, other.map.image.volume.grid()) {
+            if found.refusal(is_nifti).is_some() && !is_chosen {
+                return Err(refused(LabelFileFault::Displaced { what: "the CT", mm: found.mm, is_nifti }));
+            }
+            self.warnings.push(format!("{}: {}", path.display(), found.text()));
         }
         let names = self.names.as_ref().map(|(names, _)| names);
         let Added { number, mm3: [own, added] } =
@@ -124,12 +144,32 @@ impl<'a> LabelFiles<'a> {
         Ok(number)
     }
 
+    /// Of a map that has grown, whether its own voxels lie where the CT's lie; of another the scene tells.
+    ///
+    /// # Errors
+    /// [`PlanError::Scene`] where they lie elsewhere.
+    pub fn map_lies_at_ct(&mut self) -> Result<(), PlanError> {
+        let has_grown = self.map.image.volume.grid().dims() != self.own.dims();
+        let Some(found) = Displaced::of(self.ct, &self.own).filter(|_| has_grown) else { return Ok(()) };
+        let is_nifti = self.map.image.provenance.placement.is_nifti();
+        let is_chosen = is_nifti && self.case.images.labels_affine != AffineChoice::Auto;
+        match found.refusal(is_nifti).filter(|_| !is_chosen) {
+            Some(refusal) => Err(refusal.into()),
+            None => {
+                self.warnings.push(found.text());
+                Ok(())
+            }
+        }
+    }
+
     /// Reads a file, once.
     fn other(&mut self, named: &Path, file: &Path) -> Result<usize, PlanError> {
         if let Some(n) = self.others.iter().position(|other| other.named == named) {
             return Ok(n);
         }
         let map = read_label_map(file, self.case.images.labels_affine)?;
+        self.warnings
+            .extend(map.image.warnings.iter().map(|warning| format!("{}: {warning}", named.display())));
         self.read.extend(named_files(named, file, &map.image.provenance));
         self.others.push(OtherFile { named: named.into(), map, names: None });
         Ok(self.others.len() - 1)
@@ -151,11 +191,12 @@ impl<'a> LabelFiles<'a> {
 ///
 /// # Errors
 /// [`LabelFileFault::Displaced`].
-pub(super) fn lies_with(map: &LabelMap, file: &LabelMap) -> Result<(), LabelFileFault> {
-    let [here, there] = [map, file].map(|map| map.image.volume.grid());
+pub(super) fn lies_with(here: &Grid<Ct>, file: &LabelMap) -> Result<(), LabelFileFault> {
+    let there = file.image.volume.grid();
     let most_mm = MOST_BESIDE_VOXELS * here.spacing_mm().min();
     let beside = displacement_mm(here, there).filter(|mm| *mm > most_mm);
-    beside.map_or(Ok(()), |mm| Err(LabelFileFault::Displaced { mm }))
+    let is_nifti = file.image.provenance.placement.is_nifti();
+    beside.map_or(Ok(()), |mm| Err(LabelFileFault::Displaced { what: "the label map", mm, is_nifti }))
 }
 
 /// The names of a map's labels. A `labels.json` beside a NIfTI map is its own; other formats hold their names, and a list that

@@ -80,7 +80,7 @@ pub fn judge_base(room: Option<&Room>) -> Result<(), PlanError> {
 /// What the base comes too near to.
 pub(crate) fn base_meets(room: &Room) -> Option<Meeting> {
     let base = room.base();
-    (base.distance_mm < room.clearance_mm()).then(|| Meeting::of(room, base))
+    (base.other.is_some() && base.distance_mm < room.clearance_mm()).then(|| Meeting::of(room, base))
 }
 
 /// What the user should know of links that are not checked.

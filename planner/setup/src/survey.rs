@@ -79,13 +79,16 @@ impl Survey {
         // one label without a name, in a file: its name is the file's
         let own = map.labels();
         let is_mask = own.len() == 1 && names.is_none() && labels.is_file();
+        let own_grid = map.image.volume.grid().clone();
         let mut added = Vec::new();
         for (path, named) in further_files {
             let mut file = read_label_map(path, AffineChoice::Auto)?;
             warnings
                 .extend(file.image.warnings.iter().map(|warning| format!("{}: {warning}", path.display())));
             let refused = |fault| SurveyError::File { path: path.clone(), fault };
-            lies_with(&map, &file).map_err(refused)?;
+            lies_with(&own_grid, &file).map_err(refused)?;
+            warnings
+                .extend(beside(ct.volume.grid(), &file).map(|text| format!("{}: {text}", path.display())));
             for (label, name, of) in labels_of(&mut file, path, named)? {
                 let as_added = map.add((&file, label), Fit::Touched, names.as_ref());
                 added.push((as_added.map_err(|fault| refused(fault.into()))?.number, name, of));

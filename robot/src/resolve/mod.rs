@@ -7,9 +7,9 @@
 //!   samples. The whole path stays on one branch, because two branches are separated by a singularity, which the burr
 //!   cannot avoid on its line. A posture with a link below the mounting plane is taken only where there is no other.
 //! - The bone-attached arm has one joint vector for every pose.
-//! - Other arms of six joints or more (`spare`): the same with solutions by damped least squares; of seven joints the position of one is chosen
+//! - Other arms of six turning joints or more (`spare`): the same with solutions by damped least squares; of seven joints the position of one is chosen
 //!   together with the roll.
-//! - Arms of fewer joints (`track`) follow the path by damped least squares from several starts.
+//! - The rest, and what cannot be sampled so (`track`): the path is followed by damped least squares from several starts.
 //!
 //! The cost is J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs. g grows near limits and singularities, and with the compliance toward a
 //! structure where one is given; the second term is the joints' motion.
@@ -193,8 +193,14 @@ pub fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Result<Resolved, OutOfR
     Ok(match arm.inverse_kind() {
         InverseKind::BoneAttached => closed_form(arm, path).and_then(in_range),
         InverseKind::Ur { .. } => grid::resolve(arm, path),
-        InverseKind::Numeric if arm.dof() >= 6 => spare::resolve(arm, path),
-        InverseKind::Numeric => track::resolve(arm, path).and_then(in_range),
+        InverseKind::Numeric => {
+            let step_by_step = || track::resolve(arm, path).and_then(in_range);
+            if spare::is_for(arm) {
+                spare::resolve(arm, path).or_else(|_| step_by_step())
+            } else {
+                step_by_step()
+            }
+        }
     })
 }
 

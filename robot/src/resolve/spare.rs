@@ -8,9 +8,11 @@
 //!
 //! Cost: layers × nodes × sheets solutions of six equations, each some steps from a near start.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
+use bonemill_arm::JointKind;
 use bonemill_arm::arm::{Arm, AxisPose, ToolGoal, dls};
+use bonemill_geometry::cancel;
 use nalgebra::Matrix6;
 use rayon::prelude::*;
 
@@ -35,6 +37,8 @@ const EVERY_MM: [f64; 2] = [3.0, 1.0];
 const MOTION_MM: f64 = 20.0;
 /// A joint moves by at most this from a node to its neighbour, as a share of its motion at full speed in one second; as from pose to pose.
 const JUMP_S: f64 = 0.5;
+/// At one pose a joint moves by at most this from a node to its neighbour, rad: more than roll and place are apart, less than from branch to branch.
+const BESIDE_RAD: f64 = 1.5;
 /// What one radian of the tool's orientation counts, mm.
 const LEVER_MM: f64 = 100.0;
 
@@ -53,14 +57,20 @@ struct Spare<'a> {
     sampling: Sampling,
 }
 
-/// Joint vectors along a path for an arm of six joints or more.
+/// Whether an arm's joints are such that roll and one of them can be sampled: all turn, and one at least is to spare.
+pub(super) fn is_for(arm: &Arm) -> bool {
+    arm.dof() >= 6 && arm.joints().iter().all(|joint| joint.kind == JointKind::Revolute)
+}
+
+/// Joint vectors along a path for an arm that this [`is_for`].
 pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
-    let of_first = |reason| OutOfReach { pose: 0, reason };
-    let mut starts = track::starts(arm, &path.poses[0]).map_err(of_first)?;
-    if let Posture::From(near) = path.posture {
-        starts.extend(track::start_near(arm, &path.poses[0], near));
-        starts.rotate_right(1);
-    }
+    let first = &path.poses[0];
+    let near =
+        if let Posture::From(near) = path.posture { track::start_near(arm, first, near) } else { None };
+    let starts = match (near, track::starts(arm, first)) {
+        (None, Err(reason)) => return Err(OutOfReach { pose: 0, reason }),
+        (near, found) => near.into_iter().chain(found.unwrap_or_default()).collect::<Vec<_>>(),
+    };
     let joint = planned_joint(arm, &starts);
     let sampling = if joint.is_some() { MORE_JOINTS } else { SIX_JOINTS };
     let spare = Spare { arm, path, joint, sampling };
@@ -68,7 +78,7 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
     let [some, more] = EVERY_MM.map(|every_mm| grid::poses_every(path, every_mm));
     match spare.best(&sheets, &some) {
         Ok(resolved) if !grid::hurries(&resolved.q, arm.dof()) => Ok(resolved),
-        _ => spare.best(&sheets, &more),
+        hurried => spare.best(&sheets, &more).or(hurried),
     }
 }
 
@@ -89,8 +99,8 @@ fn planned_joint(arm: &Arm, starts: &[Vec<f64>]) -> Option<(usize, Vec<f64>)> {
     }
     let joint = (0..shares.len()).max_by(|a, b| shares[*a].total_cmp(&shares[*b]))?;
     let range = &arm.joints()[joint];
-    let pi = std::f64::consts::PI;
-    let (lower, upper) = (range.lower.max(-pi), range.upper.min(pi));
+    let within = (range.lower.max(-PI), range.upper.min(PI));
+    let (lower, upper) = if within.0 < within.1 { within } else { (range.lower, range.upper) };
     let places = (0..PLACES).map(|n| lower + (upper - lower) * (n as f64 + 0.5) / PLACES as f64);
     Some((joint, places.collect()))
 }
@@ -103,7 +113,7 @@ impl Spare<'_> {
             .flatten()
             .filter(|q| !q.is_empty())
             .map(|q| self.manipulability(q))
-            .fold(0.0, f64::max);
+            .fold(f64::MIN_POSITIVE, f64::max);
         let mut best: Option<(f64, Resolved)> = None;
         let mut farthest = OutOfReach { pose: 0, reason: ReachReason::Jump };
         for (n, sheet) in sheets.iter().enumerate() {
@@ -165,6 +175,13 @@ impl Spare<'_> {
         self.seconds(from, to).fold(0.0, f64::max)
     }
 
+    /// The time that the slowest joint takes for [`BESIDE_RAD`], s.
+    fn beside_s(&self) -> f64 {
+        let slowest =
+            self.arm.joints().iter().map(|joint| joint.velocity_limit).fold(f64::INFINITY, f64::min);
+        BESIDE_RAD / slowest
+    }
+
     /// The longest that a joint may take from one pose to another, s: as in [`track`].
     fn may_take_s(&self, from: usize, to: usize, length_mm: f64) -> f64 {
         let poses = self.path.poses;
@@ -206,7 +223,7 @@ impl Spare<'_> {
                 (0..places.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0)
             });
             let seed = roll * self.places() + place;
-            let first = self.solved(pose, self.free_at(seed), start, JUMP_S);
+            let first = self.solved(pose, self.free_at(seed), start, self.beside_s());
             let is_known =
                 |sheet: &Sheet| !sheet[seed].is_empty() && self.hurry_s(&sheet[seed], &first) < 1e-3;
             if first.is_empty() || sheets.iter().any(is_known) {
@@ -218,7 +235,7 @@ impl Spare<'_> {
             while let Some(from) = queue.pop_front() {
                 for (_, to) in self.beside(from) {
                     if sheet[to].is_empty() {
-                        sheet[to] = self.solved(pose, self.free_at(to), &sheet[from], JUMP_S);
+                        sheet[to] = self.solved(pose, self.free_at(to), &sheet[from], self.beside_s());
                         if !sheet[to].is_empty() {
                             queue.push_back(to);
                         }
@@ -273,6 +290,7 @@ impl Spare<'_> {
         let mut total: Vec<f64> = costs(0, first).iter().map(|cost| cost * grid::SHORTEST_MM).collect();
         let mut before = first.clone();
         for n in 1..at.len() {
+            cancel::poll();
             let moves = at[n - 1] + 1..at[n] + 1;
             let length_mm: f64 = self.path.length_mm[moves].iter().map(|mm| mm.max(grid::SHORTEST_MM)).sum();
             let within_s = self.may_take_s(at[n - 1], at[n], length_mm);

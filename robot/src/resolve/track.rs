@@ -1,4 +1,4 @@
-//! Arms without closed form that have no joint to spare: damped least squares along the path.
+//! Arms without closed form, step by step: damped least squares along the path.
 //!
 //! The path is followed from a given start if that is possible; else from several starts at the first pose, each moved
 //! towards the middle of its ranges as far as the task leaves that free. A few starts are followed to the end, those of

@@ -132,6 +132,31 @@ fn a_label_of_another_grid_is_touched_or_has_centres_in_it() {
     assert_eq!(by(&fine, label), [1, 2, 3]);
 }
 
+/// A solid body that is turned against the map has no holes in it, whatever the angle.
+#[test]
+fn a_turned_label_that_is_touched_has_no_holes() {
+    let map = || map_of(Grid::aligned([16; 3], 0.5, Point::new(-3.75, -3.75, -3.75)).unwrap(), vec![0; 4096]);
+    for angle_rad in [0.0, 1e-6, 1e-4, 0.02, 0.2, 0.5, 0.785] {
+        for side_mm in [0.3, 0.5, 0.8] {
+            let axis = nalgebra::Unit::new_normalize(nalgebra::Vector3::new(1.0, 0.7, 0.2));
+            let turn = nalgebra::Rotation3::from_axis_angle(&axis, angle_rad);
+            let middle = nalgebra::Vector3::from_element(10.0 * side_mm);
+            let origin = -(turn * middle) + nalgebra::Vector3::from_element(0.013);
+            let sides = nalgebra::Vector3::from_element(side_mm);
+            let solid = Grid::new([21; 3], sides, *turn.matrix(), origin).unwrap();
+            let mut map = map();
+            map.add((&map_of(solid, vec![1; 21 * 21 * 21]), None), Fit::Touched, None).unwrap();
+            let grid = map.image.volume.grid();
+            let inner_mm = (10.0 * side_mm).min(3.5);
+            let holes = (0..grid.len()).filter(|n| {
+                let p = grid.center(grid.voxel(*n)).coords;
+                p.norm() < inner_mm && map.image.volume.data()[*n] == 0
+            });
+            assert_eq!(holes.count(), 0, "{angle_rad} rad, {side_mm} mm");
+        }
+    }
+}
+
 #[test]
 fn a_map_grows_by_whole_voxels_to_hold_a_label_of_a_larger_grid() {
     let lattice = |first: f64, n: usize| Grid::aligned([n, 2, 1], 0.5, Point::new(first, 0.0, 0.0)).unwrap();

@@ -121,7 +121,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let touched = touching::touched(spec, &inside, &structures)?;
     if !touched.is_empty() {
         inside.give_way(spec, &structures);
-        warnings.push(touching::warning(spec, &inside, &touched));
+        warnings.push(touching::warning(spec, &inside, &touched)?);
     }
     let images = mask::WorkImages { hu, labels, ct_from_work };
     let mask::TargetMask { mask: in_target, outside, voxel_mm3: target_voxel_mm3 } =

@@ -182,6 +182,19 @@ pub enum SceneError {
     /// The target holds nothing that can be removed.
     #[error("the target is empty: {0}")]
     EmptyTarget(String),
+    /// Structures that the target touches take most of it.
+    #[error(
+        "the target touches {structures}: {lost_mm3:.2} of its {drawn_mm3:.2} mm³ lie in a structure or within its clearance_mm, more than half; \
+         expected a target beside the structures: look whether the labels are right"
+    )]
+    TargetGivesWay {
+        /// Which, in words.
+        structures: String,
+        /// What they take, mm³.
+        lost_mm3: f64,
+        /// The target as drawn, mm³.
+        drawn_mm3: f64,
+    },
     /// Too much of the target lies outside the scan.
     #[error(
         "{outside}; expected at most {most_percent} %. The target spans {target} mm, the CT {ct} mm (both in ct): give a scan \

@@ -328,6 +328,18 @@ fn a_label_that_touches_or_overlaps_a_structure_gives_way_as_a_shape_does() {
         let warnings = scene.warnings.join("\n");
         assert!(warnings.contains(&said) && warnings.contains(&loss), "{warnings}");
     }
+    // a target around the rod alone lies within its clearance for the most part
+    let around = |v| {
+        if label(v) == ROD {
+            ROD
+        } else if is_in(v, [18..22, 9..20, 12..17]) {
+            TARGET
+        } else {
+            0
+        }
+    };
+    let said = Body { labels: volume(&grid(), around), ..Body::new() }.scene().unwrap_err().to_string();
+    assert!(said.contains("structure 'nerve': ") && said.contains("more than half"), "{said}");
     // nothing but structure
     let all: Vec<(u32, u16)> =
         (0..grid().len()).filter(|n| label(grid().voxel(*n)) == ROD).map(|n| (n as u32, TARGET)).collect();

@@ -9,6 +9,9 @@ use rayon::prelude::*;
 use super::inside::Inside;
 use super::{SceneError, SceneSpec, SceneStructure, Target};
 
+/// A target that loses more to structures and their clearances is not planned: one of the labels is probably wrong. Assumed.
+const MOST_LOST: f64 = 0.5;
+
 /// The structures that share a face, an edge or a corner of a voxel with a label that is the target, less what the case takes away
 /// from it.
 ///
@@ -47,8 +50,15 @@ pub(super) fn touched<'a>(
 }
 
 /// What a target loses that gives way to the structures that it touches; `inside` gives way already.
-pub(super) fn warning(spec: &SceneSpec, inside: &Inside, touched: &[&SceneStructure]) -> String {
-    let Target::Label(label) = spec.target else { return String::new() };
+///
+/// # Errors
+/// [`SceneError::TargetGivesWay`] where that is most of it: then one of the labels is another's.
+pub(super) fn warning(
+    spec: &SceneSpec,
+    inside: &Inside,
+    touched: &[&SceneStructure],
+) -> Result<String, SceneError> {
+    let Target::Label(label) = spec.target else { return Ok(String::new()) };
     let (grid, labels) = (spec.labels.grid(), spec.labels.data());
     let mm3 = |voxels: usize| voxels as f64 * grid.voxel_mm3();
     // a voxel that both have is shown as the structure's
@@ -75,12 +85,15 @@ pub(super) fn warning(spec: &SceneSpec, inside: &Inside, touched: &[&SceneStruct
         };
         format!("structure '{}'{overlap}", structure.name)
     });
-    format!(
-        "the target touches {}: what lies in a structure or within its clearance is left out of the target, {lost_mm3:.2} of \
+    let each = each.collect::<Vec<_>>().join(" and ");
+    if lost_mm3 > MOST_LOST * drawn_mm3 {
+        return Err(SceneError::TargetGivesWay { structures: each, lost_mm3, drawn_mm3 });
+    }
+    Ok(format!(
+        "the target touches {each}: what lies in a structure or within its clearance is left out of the target, {lost_mm3:.2} of \
          {drawn_mm3:.2} mm³ ({:.1} %), and shares are of the rest. Look whether both labels are right",
-        each.collect::<Vec<_>>().join(" and "),
         100.0 * lost_mm3 / drawn_mm3
-    )
+    ))
 }
 
 /// The label map without the voxels of `label` whose centres the case takes away from its target.

@@ -16,6 +16,8 @@ const MOVED_MM: [f64; 3] = [0.00137, 0.00119, 0.00107];
 const REACH: f64 = 0.49;
 /// By how much of a step a step may be longer.
 const LONGER: f64 = 0.01;
+/// Axes are turned against each other if a cosine differs by more from 0 and 1.
+const TURNED: f64 = 1e-5;
 /// A map holds no more voxels.
 const MOST_VOXELS: i64 = 500_000_000;
 
@@ -80,7 +82,8 @@ pub(super) fn onto(
         [[each(0).0, each(1).0, each(2).0], [each(0).1, each(1).1, each(2).1]]
     });
     let size: [i64; 3] = std::array::from_fn(|a| last[a].saturating_sub(first[a]).saturating_add(1));
-    if size.iter().fold(1i64, |all, n| all.saturating_mul(*n)) > MOST_VOXELS {
+    let grows = size != dims;
+    if grows && size.iter().fold(1i64, |all, n| all.saturating_mul(*n)) > MOST_VOXELS {
         return Err(apart);
     }
     enlarge(map, first, size.map(|n| n as usize))?;
@@ -105,7 +108,10 @@ pub(super) fn onto(
             }
         }
         MaskRule::Everywhere => {
-            let step_mm = map.shown.grid().spacing_mm().min();
+            let turned = mask.grid().axes().transpose() * map.shown.grid().axes();
+            let is_turned = turned.iter().any(|c| c.abs() > TURNED && c.abs() < 1.0 - TURNED);
+            // a turned cube holds a ball of its own width, and a ball one of the points that are 1/√3 of that apart
+            let step_mm = map.shown.grid().spacing_mm().min() / if is_turned { 3f64.sqrt() } else { 1.0 };
             let counts: [usize; 3] = std::array::from_fn(|a| {
                 (1..).find(|n| mask.grid().spacing_mm()[a] / step_mm <= *n as f64 + LONGER).unwrap_or(1)
             });

@@ -44,6 +44,7 @@ pub enum ArmKind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
     urdf_text: String,
+    base_link: String,
     segments: Vec<Segment>,
     joints: Vec<Joint>,
     mount: Mount,
@@ -61,9 +62,9 @@ impl Arm {
     /// [`RobotError::ParseUrdf`] where the text is not a URDF; [`RobotError::Urdf`] where links and joints do not form an open
     /// chain with one tip, where no joint moves, or where a number or limit is impossible.
     pub fn from_urdf(text: &str, source_name: &str) -> Result<Self, RobotError> {
-        let urdf::Description { segments, joints } = urdf::parse(text, source_name)?;
+        let urdf::Description { base, segments, joints } = urdf::parse(text, source_name)?;
         let (mount, inverse) = (ToolMount::default().into(), InverseKind::Numeric);
-        Ok(Self { urdf_text: text.to_owned(), segments, joints, mount, inverse })
+        Ok(Self { urdf_text: text.to_owned(), base_link: base, segments, joints, mount, inverse })
     }
 
     /// The same arm within tighter limits, one value per joint, mm/s or rad/s and mm/s² or rad/s².
@@ -170,6 +171,11 @@ impl Arm {
     /// The URDF's text as it was read, for `robot.urdf`. It does not contain limits that were set later.
     pub fn urdf_text(&self) -> &str {
         &self.urdf_text
+    }
+
+    /// The URDF's link whose frame is the base.
+    pub fn base_link(&self) -> &str {
+        &self.base_link
     }
 
     /// The joint furthest beyond its limits, relative to the joint's range; `None` if all are within their limits.

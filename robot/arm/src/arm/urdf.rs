@@ -41,6 +41,8 @@ pub(super) struct Segment {
 /// The chain from base to tip, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Description {
+    /// The link whose frame is the base.
+    pub base: String,
     /// Every joint between base and tip, fixed ones included, in order.
     pub segments: Vec<Segment>,
     /// The moving joints, in the same order.
@@ -85,7 +87,8 @@ fn describe(robot: &urdf_rs::Robot, further: &HashMap<String, Further>) -> Resul
     if joints.is_empty() {
         return Err(UrdfFault::NoMovingJoint { base: base.to_owned(), tip: tip.to_owned() });
     }
-    Ok(Description { segments: path.iter().map(|joint| segment(joint)).collect(), joints })
+    let base = base.to_owned();
+    Ok(Description { base, segments: path.iter().map(|joint| segment(joint)).collect(), joints })
 }
 
 fn check_names(robot: &urdf_rs::Robot) -> Result<(), UrdfFault> {

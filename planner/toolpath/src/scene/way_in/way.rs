@@ -97,9 +97,13 @@ impl ChosenWay {
         )
     }
 
-    /// That another one was taken, since no plan is possible along the best, in words.
-    pub fn text_of(&self, other: &Way) -> String {
-        format!("{}; no plan is possible along it: {} was taken", self.text(), words(&other.direction))
+    /// That another one was taken and why, in words.
+    pub fn text_of(&self, other: &Way, why: &str) -> String {
+        format!(
+            "{}; no plan is possible along it ({why}): {} was taken",
+            self.text(),
+            words(&other.direction)
+        )
     }
 }
 
