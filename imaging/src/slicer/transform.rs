@@ -78,10 +78,10 @@ fn from_hdf5(bytes: &[u8]) -> Result<Rigid<Base, Ct>, SlicerFileProblem> {
     let mut numbers = [vec![], vec![]];
     for transform in &groups {
         let dataset = |key: &str| {
-            let key = format!("Transform{key}");
-            transform
-                .dataset(&key)
-                .map_err(|e| of_part(&format!("/TransformGroup/{}/{key}", transform.name()), e))
+            // some versions of ITK wrote the second
+            let of = |name: &str| transform.dataset(&format!("{name}{key}"));
+            let place = format!("/TransformGroup/{}/Transform{key}", transform.name());
+            of("Transform").or_else(|first| of("Tranform").map_err(|_| first)).map_err(|e| of_part(&place, e))
         };
         let kind = dataset("Type")?;
         kinds.push(kind.read_strings().map_err(|e| of_part("TransformType", e))?.concat());
@@ -222,6 +222,9 @@ mod tests {
             bytes[n] ^= 0xff;
             let _ = from_bytes(bytes);
         }
+        // as some versions of ITK wrote it, with misspelt names
+        let old = include_bytes!("old_transform.h5");
+        assert_eq!(from_bytes(old.to_vec()).unwrap(), from_bytes(AS_HDF5.to_vec()).unwrap());
         let large = [AS_HDF5, &[0; LARGEST_BYTES]].concat();
         assert!(from_bytes(large).unwrap_err().to_string().contains("at most 1 MiB"));
     }
