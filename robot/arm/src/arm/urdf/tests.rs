@@ -236,7 +236,7 @@ fn metres_become_millimetres_and_speeds_come_along() {
             r#"<origin xyz="0 0 0.5"/><limit lower="-0.1" upper="0.2" velocity="0.03" effort="1"/>"#,
         )],
     );
-    let Description { segments, joints } = parse(&text, "test").unwrap();
+    let Description { segments, joints, .. } = parse(&text, "test").unwrap();
     assert_eq!(segments[0].translation_mm.z, 500.0);
     let joint = &joints[0];
     assert_eq!((joint.lower, joint.upper, joint.velocity_limit), (-100.0, 200.0, 30.0));
