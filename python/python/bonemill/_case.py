@@ -85,7 +85,7 @@ class Case:
             ignored: labels not to be spared, whatever their names tell.
             robot: ``"bone-attached"`` or a UR such as ``"ur5e"``.
             approach: (3,), out of the bone, in RAS+, any length; by default the planner chooses it.
-            registration: 3D Slicer's transform (.tfm, .txt) under which the CT lies where the robot's base sees it.
+            registration: 3D Slicer's transform (.h5, .tfm, .txt) under which the CT lies where the robot's base sees it.
             fiducials: at least three points that the arm will touch in this order: a file of 3D Slicer (.mrk.json, .fcsv),
                 or (n, 3) in RAS+ mm. What it finds is to be entered in the case. Not beside a registration.
 
