@@ -29,6 +29,10 @@ use crate::solid::{Solid, to_segment_mm};
 
 /// Largest motion of a point of the arm from one stop to the next, mm.
 const STEP_MM: f64 = 0.5;
+/// Sizes of the blocks of stops that are looked at by one of them.
+const BLOCKS: [usize; 4] = [64, 16, 4, 1];
+/// A distance changes by at most this per mm that a link moves: 1, and more where it is looked up in a lattice.
+const STEEPEST: f64 = 2.0;
 /// Distance of samples on a capsule's axis from the patient, mm.
 const AXIS_MM: f64 = 2.0;
 /// Tolerance of a distance from obstacles and links, because the motion rounds corners, mm.
@@ -133,16 +137,33 @@ pub fn room(plan: &StoredPlan, anatomy: &Anatomy, executed: &Executed) -> Result
     Ok(checks)
 }
 
-/// The least distance over all stops, the first of equal ones, and the row of its stop.
+/// The least distance over the stops, and its row. Blocks of stops are looked at by their middle one first: no stop of a block is nearer than that
+/// less the way between them, so that a block in which nothing can be nearer than the least so far is left out.
 fn least(stops: &[Stop], near: impl Fn(&[f64]) -> Option<Near> + Sync) -> Option<(Near, usize)> {
-    let found: Vec<Option<(Near, usize)>> = stops
-        .par_iter()
-        .map(|stop| {
-            cancel::poll();
-            Some((near(&stop.q)?, stop.row))
-        })
-        .collect();
-    found.into_iter().flatten().min_by(|a, b| a.0.mm.total_cmp(&b.0.mm))
+    let mut best: Option<(Near, usize)> = None;
+    let mut blocks: Vec<usize> = (0..stops.len()).step_by(BLOCKS[0]).collect();
+    for (level, size) in BLOCKS.into_iter().enumerate() {
+        let middle = |first: usize| (first + size / 2).min(stops.len() - 1);
+        let found: Vec<Option<(Near, usize)>> = blocks
+            .par_iter()
+            .map(|first| {
+                cancel::poll();
+                let stop = &stops[middle(*first)];
+                Some((near(&stop.q)?, stop.row))
+            })
+            .collect();
+        let nearest = found.iter().flatten().chain(&best).min_by(|a, b| a.0.mm.total_cmp(&b.0.mm)).copied();
+        best = nearest;
+        let Some((least, _)) = best else { return None };
+        let Some(next) = BLOCKS.get(level + 1) else { break };
+        let may_be_nearer = |found: &Option<(Near, usize)>| {
+            found.is_none_or(|(near, _)| near.mm - 0.5 * STEEPEST * STEP_MM * (size as f64) < least.mm)
+        };
+        let kept = blocks.iter().zip(&found).filter(|(_, found)| may_be_nearer(found));
+        let parts = kept.flat_map(|(first, _)| (*first..(first + size).min(stops.len())).step_by(*next));
+        blocks = parts.collect();
+    }
+    best
 }
 
 /// Joints along the trajectory, the first and the last row's included: no point of the arm moves farther than [`STEP_MM`] between
