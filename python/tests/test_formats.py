@@ -380,10 +380,12 @@ def test_a_case_from_images_takes_masks_and_places(images: SimpleNamespace, fold
     assert made["target"]["file"] == "labels.nii"
     assert [structure["file"] for structure in made["structure"]] == ["facial_nerve.nii"]
     assert "ct_mm = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5], [-7.0, 8.0, 9.0]]" in case.text
-    for name, (data, affine) in mask.items():
-        nib.save(nib.Nifti1Image(data, affine), folder / f"{name}.nii.gz")
-    files = [folder / "target.nii.gz", folder / "facial_nerve.nii.gz"]
-    for masks in (files[1:], folder / "facial_nerve.nii.gz"):
+    # not beside the labels.json of other labels
+    (folder / "masks").mkdir()
+    files = [folder / "masks" / f"{name}.nii.gz" for name in mask]
+    for file, (data, affine) in zip(files, mask.values()):
+        nib.save(nib.Nifti1Image(data, affine), file)
+    for masks in (files[1:], files[1]):
         of_files = tomllib.loads(bonemill.Case.from_images(ct, files[0], masks=masks).text)
         assert (of_files["target"]["file"], of_files["structure"][0]["file"]) == tuple(map(str, files))
     with pytest.raises(bonemill.ArrayError, match="expected points"):
