@@ -154,7 +154,7 @@ fn least(stops: &[Stop], near: impl Fn(&[f64]) -> Option<Near> + Sync) -> Option
             .collect();
         let nearest = found.iter().flatten().chain(&best).min_by(|a, b| a.0.mm.total_cmp(&b.0.mm)).copied();
         best = nearest;
-        let Some((least, _)) = best else { return None };
+        let (least, _) = nearest?;
         let Some(next) = BLOCKS.get(level + 1) else { break };
         let may_be_nearer = |found: &Option<(Near, usize)>| {
             found.is_none_or(|(near, _)| near.mm - 0.5 * STEEPEST * STEP_MM * (size as f64) < least.mm)
