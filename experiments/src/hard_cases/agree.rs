@@ -470,8 +470,13 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_can_be_planned_along_the_best_way_in_another_is_taken() {
+    fn where_nothing_can_be_planned_along_the_best_way_in_others_are_tried_or_told() {
         let (end, _) = judged(&RandomCase::draw(2120).twin());
-        assert!(matches!(end, End::Verified | End::FallsShort(_)), "{end}");
+        let is_sound = match &end {
+            End::Verified | End::FallsShort(_) => true,
+            End::Refused(why) => why.contains("was chosen") && why.contains("% of them along"),
+            End::Faulty(..) | End::Broken(_) => false,
+        };
+        assert!(is_sound, "{end}");
     }
 }
