@@ -72,6 +72,8 @@ pub(super) struct LabelFiles<'a> {
 struct OtherFile {
     named: PathBuf,
     map: LabelMap,
+    /// How far it lies beside the CT's voxels.
+    beside: Option<Displaced>,
     names: Option<NamesAt>,
 }
 
@@ -117,16 +119,13 @@ impl<'a> LabelFiles<'a> {
         if all.len() > 1 {
             return Err(refused(LabelFileFault::SeveralLabels(all.into_iter().take(10).collect())));
         }
-        let is_nifti = other.map.image.provenance.placement.is_nifti();
-        let is_chosen = is_nifti && self.case.images.labels_affine != AffineChoice::Auto;
-        if !is_chosen {
+        let choice = self.choice(&other.map);
+        if choice.is_none_or(|choice| choice == AffineChoice::Auto) {
             lies_with(&self.own, &other.map).map_err(&refused)?;
         }
-        if let Some(found) = Displaced::of(self.ct, other.map.image.volume.grid()) {
-            if found.refusal(is_nifti).is_some() && !is_chosen {
-                return Err(refused(LabelFileFault::Displaced { what: "the CT", mm: found.mm, is_nifti }));
-            }
-            self.warnings.push(format!("{}: {}", path.display(), found.text()));
+        if let Some(found) = other.beside.filter(|found| found.refusal(choice).is_some()) {
+            let is_nifti = choice.is_some();
+            return Err(refused(LabelFileFault::Displaced { what: "the CT", mm: found.mm, is_nifti }));
         }
         let names = self.names.as_ref().map(|(names, _)| names);
         let Added { number, mm3: [own, added] } =
@@ -151,15 +150,18 @@ impl<'a> LabelFiles<'a> {
     pub fn map_lies_at_ct(&mut self) -> Result<(), PlanError> {
         let has_grown = self.map.image.volume.grid().dims() != self.own.dims();
         let Some(found) = Displaced::of(self.ct, &self.own).filter(|_| has_grown) else { return Ok(()) };
-        let is_nifti = self.map.image.provenance.placement.is_nifti();
-        let is_chosen = is_nifti && self.case.images.labels_affine != AffineChoice::Auto;
-        match found.refusal(is_nifti).filter(|_| !is_chosen) {
+        match found.refusal(self.choice(&self.map)) {
             Some(refusal) => Err(refusal.into()),
             None => {
                 self.warnings.push(found.text());
                 Ok(())
             }
         }
+    }
+
+    /// Which of a map's transforms the case chooses; `None` for a format that has one only.
+    fn choice(&self, map: &LabelMap) -> Option<AffineChoice> {
+        map.image.provenance.placement.is_nifti().then_some(self.case.images.labels_affine)
     }
 
     /// Reads a file, once.
@@ -171,7 +173,9 @@ impl<'a> LabelFiles<'a> {
         self.warnings
             .extend(map.image.warnings.iter().map(|warning| format!("{}: {warning}", named.display())));
         self.read.extend(named_files(named, file, &map.image.provenance));
-        self.others.push(OtherFile { named: named.into(), map, names: None });
+        let beside = Displaced::of(self.ct, map.image.volume.grid());
+        self.warnings.extend(beside.map(|found| format!("{}: {}", named.display(), found.text())));
+        self.others.push(OtherFile { named: named.into(), map, beside, names: None });
         Ok(self.others.len() - 1)
     }
 

@@ -196,7 +196,7 @@ impl Survey {
 /// What a plan will say of a map that lies beside the CT.
 fn beside(ct: &Grid<Ct>, map: &LabelMap) -> Option<String> {
     let found = Displaced::of(ct, map.image.volume.grid())?;
-    let refusal = found.refusal(map.image.provenance.placement.is_nifti());
+    let refusal = found.refusal(map.image.provenance.placement.is_nifti().then_some(AffineChoice::Auto));
     Some(refusal.map_or_else(|| found.text(), |refusal| refusal.to_string()))
 }
 

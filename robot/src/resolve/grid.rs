@@ -31,7 +31,7 @@ pub(super) const BRANCHES: usize = 8;
 /// Layers computed at a time.
 const PORTION: usize = 128;
 /// w: weight of the joints' motion against the posture's cost, mm.
-const MOTION_MM: f64 = 20.0;
+pub(super) const MOTION_MM: f64 = 20.0;
 /// Shorter moves count as this long, mm, so that rotations in place have a length.
 pub(super) const SHORTEST_MM: f64 = 0.05;
 /// Height above the mounting plane that the lines between joints keep where there is a choice, mm. Assumed: about the
@@ -100,6 +100,13 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
         Ok(resolved) if !hurries(&resolved.q, arm.dof()) => Ok(resolved),
         _ => nodes.resolved(&every_pose(path)),
     }
+}
+
+/// g: what a posture costs per mm of path. Limits: Σ (u/0.25)², u the share of a joint's half range by which |q|, in such `shares`, exceeds
+/// three quarters of it. Singularity: 0.02/(σ² + 1e-4), σ 0 at one.
+pub(super) fn posture_cost(shares: impl Iterator<Item = f64>, sigma: f64) -> f64 {
+    let limits: f64 = shares.filter(|share| *share > 0.75).map(|share| ((share - 0.75) * 4.0).powi(2)).sum();
+    limits + 0.02 / (sigma * sigma + 1e-4)
 }
 
 /// The sampled poses: the first, the last, and poses between them that are at most [`EVERY_MM`] of path and [`EVERY_RAD`] of
@@ -339,24 +346,15 @@ impl<'a> Nodes<'a> {
         self.rolls.iter().map(move |roll| mount.base_from_flange(&tool(roll)))
     }
 
-    /// g: a posture's cost per mm of path; infinite beyond a joint's range.
-    ///
-    /// Limits: Σ (u/0.25)², u the share of the half range by which |q| exceeds three quarters of it. Singularity:
-    /// 0.02/(σ² + 1e-4), σ = s₃ s₅ w, with w the wrist's distance from the first axis in units of a link. σ holds the factors
-    /// of the Jacobian's determinant.
+    /// g: a posture's cost per mm of path ([`posture_cost`]); infinite beyond a joint's range. σ = s₃ s₅ w, with w the wrist's distance from
+    /// the first axis in units of a link. σ holds the factors of the Jacobian's determinant.
     fn posture(&self, q: &[f64; 6], from_singular_mm: f64) -> f64 {
-        let mut cost = 0.0;
-        for (range, q) in self.ranges.iter().zip(q) {
-            if !(range.lower..=range.upper).contains(q) {
-                return f64::INFINITY;
-            }
-            let share = (q - range.middle).abs() * range.per_half;
-            if share > 0.75 {
-                cost += ((share - 0.75) * 4.0).powi(2);
-            }
+        let joints = || self.ranges.iter().zip(q);
+        if joints().any(|(range, q)| !(range.lower..=range.upper).contains(q)) {
+            return f64::INFINITY;
         }
         let sigma = from_singular_mm / (0.5 * (self.geometry.a2_mm + self.geometry.a3_mm));
-        cost + 0.02 / (sigma * sigma + 1e-4)
+        posture_cost(joints().map(|(range, q)| (q - range.middle).abs() * range.per_half), sigma)
     }
 
     /// The cost per mm of path of links near something: w (1 − d/p)², d the least distance and p that up to which more is

@@ -33,10 +33,6 @@ const MORE_JOINTS: Sampling = Sampling { rolls: 12, sheets: 3 };
 const PLACES: usize = 10;
 /// Largest path length between sampled poses, mm; the second where the arm cannot follow the first, or a joint would hurry.
 const EVERY_MM: [f64; 2] = [3.0, 1.0];
-/// w: weight of the joints' motion against the posture's cost, mm; as for UR arms.
-const MOTION_MM: f64 = 20.0;
-/// A joint moves by at most this from a node to its neighbour, as a share of its motion at full speed in one second; as from pose to pose.
-const JUMP_S: f64 = 0.5;
 /// At one pose a joint moves by at most this from a node to its neighbour, rad: more than roll and place are apart, less than from branch to branch.
 const BESIDE_RAD: f64 = 1.5;
 /// What one radian of the tool's orientation counts, mm.
@@ -182,10 +178,10 @@ impl Spare<'_> {
         BESIDE_RAD / slowest
     }
 
-    /// The longest that a joint may take from one pose to another, s: as in [`track`].
+    /// The longest that a joint may take from one pose to another, s.
     fn may_take_s(&self, from: usize, to: usize, length_mm: f64) -> f64 {
         let poses = self.path.poses;
-        JUMP_S + 0.2 * length_mm + 10.0 * poses[from].axis.angle(&poses[to].axis)
+        track::may_take_s(length_mm, poses[from].axis.angle(&poses[to].axis))
     }
 
     fn seconds<'b>(&'b self, from: &'b [f64], to: &'b [f64]) -> impl Iterator<Item = f64> + 'b {
@@ -267,12 +263,8 @@ impl Spare<'_> {
         if q.is_empty() {
             return f64::INFINITY;
         }
-        let beyond = |(joint, q): (&bonemill_arm::Joint, &f64)| {
-            (4.0 * (share(joint, *q).abs() - 0.75)).max(0.0).powi(2)
-        };
-        let limits: f64 = self.arm.joints().iter().zip(q).map(beyond).sum();
-        let sigma = self.manipulability(q) / most;
-        limits + 0.02 / (sigma * sigma + 1e-4) + yielding(self.arm, self.path, i, q)
+        let shares = self.arm.joints().iter().zip(q).map(|(joint, q)| share(joint, *q).abs());
+        grid::posture_cost(shares, self.manipulability(q) / most) + yielding(self.arm, self.path, i, q)
     }
 
     /// The path of least cost on the sheet that begins with this one, with its cost.
@@ -304,7 +296,7 @@ impl Spare<'_> {
                         continue;
                     }
                     let motion: f64 = seconds().map(|s| s * s).sum();
-                    let all = total[from] + MOTION_MM / length_mm * motion + cost[node] * length_mm;
+                    let all = total[from] + grid::MOTION_MM / length_mm * motion + cost[node] * length_mm;
                     if all < next[node] {
                         (next[node], came[n * nodes + node]) = (all, code);
                     }

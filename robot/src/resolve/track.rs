@@ -126,7 +126,7 @@ fn follow(
         };
         let apart_mm = if i == 0 { 0.0 } else { path.length_mm[i] };
         let turned = if i == 0 { 0.0 } else { pose.axis.angle(&path.poses[i - 1].axis) };
-        if i > 0 && moves().fold(0.0, f64::max) > JUMP_S + 0.2 * apart_mm + 10.0 * turned {
+        if i > 0 && moves().fold(0.0, f64::max) > may_take_s(apart_mm, turned) {
             return Err(failed(ReachReason::Jump));
         }
         if let Some(excess) = arm.excess_at(&q) {
@@ -137,6 +137,11 @@ fn follow(
         all.extend_from_slice(&q);
     }
     Ok((cost, Resolved { roll_rad: vec![0.0; path.poses.len()], q: all, branch }))
+}
+
+/// The longest that a joint may take from one pose to the next at its full speed without a jump, s.
+pub(super) fn may_take_s(apart_mm: f64, turned_rad: f64) -> f64 {
+    JUMP_S + 0.2 * apart_mm + 10.0 * turned_rad
 }
 
 /// Posture cost: Σ of squared distances from the middle of each range, as shares of the half range.

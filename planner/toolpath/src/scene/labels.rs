@@ -5,7 +5,6 @@
 use std::collections::BTreeMap;
 
 use bonemill_geometry::{Ct, Point};
-use bonemill_imaging::AffineChoice;
 use rayon::prelude::*;
 
 use super::place::{Displaced, LabelExtent};
@@ -28,8 +27,7 @@ const OF_AIR: [&str; 6] = ["ear canal", "external auditory", "middle ear", "tymp
 /// [`SceneError::LabelsDisplaced`] by more than a voxel, unless the case says which transform of the map holds.
 pub(super) fn displaced(spec: &SceneSpec) -> Result<Option<String>, SceneError> {
     let Some(found) = Displaced::of(spec.ct.grid(), spec.labels.grid()) else { return Ok(None) };
-    let is_chosen = spec.labels_affine.is_some_and(|choice| choice != AffineChoice::Auto);
-    match found.refusal(spec.labels_affine.is_some()).filter(|_| !is_chosen) {
+    match found.refusal(spec.labels_affine) {
         Some(refusal) => Err(refusal),
         None => Ok(Some(found.text())),
     }

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
-use bonemill_imaging::displacement_mm;
+use bonemill_imaging::{AffineChoice, displacement_mm};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -43,14 +43,13 @@ impl Displaced {
         (voxels > SAME_VOXELS).then_some(found)
     }
 
-    /// The refusal of a map of the CT's dimensions that lies elsewhere; `is_nifti`: the case can choose another of its transforms.
-    pub fn refusal(&self, is_nifti: bool) -> Option<SceneError> {
+    /// The refusal of a map of the CT's dimensions that lies elsewhere. `choice`: which of the map's transforms the case chooses, `None` for a
+    /// format that has one only; what is chosen is not refused.
+    pub fn refusal(&self, choice: Option<AffineChoice>) -> Option<SceneError> {
         let Self { mm, voxels, is_of_its_size } = *self;
-        (is_of_its_size && voxels > MOST_VOXELS).then_some(SceneError::LabelsDisplaced {
-            mm,
-            voxels,
-            is_nifti,
-        })
+        let is_chosen = choice.is_some_and(|choice| choice != AffineChoice::Auto);
+        let is_elsewhere = is_of_its_size && voxels > MOST_VOXELS && !is_chosen;
+        is_elsewhere.then_some(SceneError::LabelsDisplaced { mm, voxels, is_nifti: choice.is_some() })
     }
 
     /// A warning.
@@ -226,7 +225,7 @@ mod tests {
 
     fn off(labels: &Grid<Ct>) -> Option<(f64, f64)> {
         Displaced::of(&ct(), labels).map(|found| {
-            assert!(found.refusal(true).is_none() || found.is_of_its_size);
+            assert!(found.refusal(Some(AffineChoice::Auto)).is_none() || found.is_of_its_size);
             (found.mm, found.voxels)
         })
     }
