@@ -470,13 +470,14 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_can_be_planned_along_the_best_way_in_others_are_tried_or_told() {
+    fn a_refusal_along_an_approach_that_was_chosen_tells_the_others() {
         let (end, _) = judged(&RandomCase::draw(2120).twin());
-        let is_sound = match &end {
-            End::Verified | End::FallsShort(_) => true,
-            End::Refused(why) => why.contains("was chosen") && why.contains("% of them along"),
-            End::Faulty(..) | End::Broken(_) => false,
-        };
-        assert!(is_sound, "{end}");
+        let End::Refused(why) = end else { panic!("{end}") };
+        assert!(
+            why.contains("can reach no voxel")
+                && why.contains("was chosen")
+                && why.contains("% of them along"),
+            "{why}"
+        );
     }
 }

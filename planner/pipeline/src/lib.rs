@@ -57,7 +57,7 @@ use bonemill_geometry::Progress;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures, room};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
-use bonemill_toolpath::scene::{Scene, Way};
+use bonemill_toolpath::scene::{ChosenWay, Scene};
 use bonemill_toolpath::space::BurrSpace;
 use start::Start;
 
@@ -84,8 +84,7 @@ pub use rest::{RestCause, rest_of};
 pub use save::save;
 pub use speed_levels::{Exceeded, SpeedLevels};
 
-/// Plans a case; paths in it are relative to the folder of `case_path`. Where nothing can be planned along the approach that was chosen, the other
-/// ways in are tried in their order.
+/// Plans a case; paths in it are relative to the folder of `case_path`.
 ///
 /// # Errors
 /// [`PlanError`] for images that cannot be read or trusted, targets that cannot be planned for, and options of the
@@ -93,44 +92,18 @@ pub use speed_levels::{Exceeded, SpeedLevels};
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch::new(progress);
     let setup = Setup::read(case, case_path, &mut watch)?;
-    let way = setup.scene.way.clone();
-    match (planned(case, setup, watch), way) {
-        (Err(error), Some(way)) if is_of_the_way(&error) => {
-            let along =
-                |other| along((other, way.text_of(other, &error.to_string())), (case, case_path), progress);
-            let others = &mut way.others.iter().map(along);
-            others
-                .find_map(Result::ok)
-                .ok_or_else(|| PlanError::AlongChosen { way: way.text(), source: Box::new(error) })
+    room::judge_base(setup.room.as_ref()).map_err(|error| setup.registered.blame(case, error))?;
+    let way = setup.scene.way.as_ref().map(ChosenWay::text);
+    planned(case, setup, watch).map_err(|error| match way {
+        Some(way) if error.is_infeasible() || matches!(error, PlanError::NothingReachable { .. }) => {
+            PlanError::AlongChosen { way, source: Box::new(error) }
         }
-        (result, _) => result,
-    }
-}
-
-/// Whether another way in may help.
-fn is_of_the_way(error: &PlanError) -> bool {
-    let is_elsewhere = matches!(error, PlanError::BaseMeets(_));
-    (error.is_infeasible() && !is_elsewhere) || matches!(error, PlanError::NothingReachable { .. })
-}
-
-/// Plans a case along another way in than the one that was chosen first.
-fn along(
-    (other, told): (&Way, String),
-    (case, case_path): (&Case, &Path),
-    progress: &dyn Progress,
-) -> Result<Plan, PlanError> {
-    let mut watch = Stopwatch::new(progress);
-    let given = Case { approach: Some(other.direction), ..case.clone() };
-    let mut setup = Setup::read(&given, case_path, &mut watch)?;
-    // the record holds the case as it was given
-    setup.case.approach = None;
-    setup.warnings.push(told);
-    planned(case, setup, watch)
+        _ => error,
+    })
 }
 
 /// Plans a case whose inputs are read.
 fn planned(case: &Case, setup: Setup, mut watch: Stopwatch) -> Result<Plan, PlanError> {
-    room::judge_base(setup.room.as_ref()).map_err(|error| setup.registered.blame(case, error))?;
     let space = watch.run("free space", || free_space(&setup.case, &setup.scene))?;
     let solid = watch.run("solid", || shank_obstacles(&setup.case, &setup.scene));
     let reversed = spin::reversed(&setup.case);

@@ -100,14 +100,12 @@ pub(super) fn approach(
             let chosen = arm.and_then(|arm| way_in.best(Some(arm))).or_else(|| way_in.best(None));
             let mut chosen = chosen.ok_or(SceneError::NoApproach)?;
             // the same for a scan that is stored otherwise, whose header has single precision
-            for way in std::iter::once(&mut chosen.best).chain(&mut chosen.others) {
-                let mut rounded = way.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
-                if let Tilts::About { hinge, .. } = tool.tilts {
-                    rounded -= hinge * hinge.dot(&rounded);
-                }
-                // no minus before a zero
-                way.direction = rounded.normalize().map(|c| c + 0.0);
+            let mut rounded = chosen.best.direction.map(|c| (c / ROUNDED_TO).round() * ROUNDED_TO);
+            if let Tilts::About { hinge, .. } = tool.tilts {
+                rounded -= hinge * hinge.dot(&rounded);
             }
+            // no minus before a zero
+            chosen.best.direction = rounded.normalize().map(|c| c + 0.0);
             Ok((chosen.best.direction, Some(chosen)))
         }
         (None, None) => Err(SceneError::NoRoom { radius_mm: spec.tool.cutter_radius_mm }),

@@ -96,15 +96,6 @@ impl ChosenWay {
             percent(&self.best)
         )
     }
-
-    /// That another one was taken and why, in words.
-    pub fn text_of(&self, other: &Way, why: &str) -> String {
-        format!(
-            "{}; no plan is possible along it ({why}): {} was taken",
-            self.text(),
-            words(&other.direction)
-        )
-    }
 }
 
 /// A direction in ct with two digits.
